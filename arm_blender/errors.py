@@ -1,0 +1,36 @@
+"""The errors that a user can meet: one readable line that names what is wrong, where, and the remedy.
+
+Programs catch `ArmError` only. Anything else is a bug and keeps its traceback.
+"""
+
+
+class ArmError(Exception):
+    """Base of every error that a user can do something about."""
+
+
+class InputImageError(ArmError):
+    """An image is missing, unreadable, empty, or does not fit the others."""
+
+
+class CameraError(ArmError):
+    """A camera file is malformed, or a camera cannot see the object."""
+
+
+class CheckpointError(ArmError):
+    """Weights are missing, damaged, or made for another model."""
+
+
+class EmptyMeshError(ArmError):
+    """The density has no surface inside the box."""
+
+
+class UnwrapError(ArmError):
+    """No valid UV atlas could be made."""
+
+
+class OutputError(ArmError):
+    """A result cannot be written."""
+
+
+class Cancelled(ArmError):
+    """The user stopped the run; nothing was written."""

@@ -1,0 +1,156 @@
+"""What the stages of the pipeline hand to each other: frozen, with every shape, unit and space stated."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from .graphics.cameras import Camera
+
+Progress = Callable[[float, str], None]
+"""Called with a fraction in [0, 1] and what is being done. It raises `Cancelled` when the user has stopped the run."""
+
+
+def silent(fraction: float, message: str) -> None:
+    """The progress callback that reports to nobody."""
+
+
+@dataclass(frozen=True)
+class ViewSet:
+    """Posed views of one object; all of one size.
+
+    Attributes:
+        images: (V, 4, H, W) float32 in [0, 1]: linear Rec.709 and straight alpha.
+        cameras: V cameras of that size.
+        weights: (V,) float32 >= 0: how much each view counts in the texture; 1 by default.
+        name: what the result is called.
+    """
+
+    images: Tensor
+    cameras: tuple[Camera, ...]
+    weights: Tensor
+    name: str
+
+    def __post_init__(self) -> None:
+        views = self.images.shape[0]
+        if self.images.ndim != 4 or self.images.shape[1] != 4:
+            raise ValueError(f"images must be (V, 4, H, W), got {tuple(self.images.shape)}")
+        if len(self.cameras) != views or self.weights.shape != (views,):
+            raise ValueError(f"{views} views, {len(self.cameras)} cameras, weights {tuple(self.weights.shape)}")
+
+
+@dataclass(frozen=True)
+class TriangleMesh:
+    """A welded triangle mesh; outward winding is counter-clockwise.
+
+    Attributes:
+        vertices: (N, 3) float32, world.
+        faces: (F, 3) int64, indices into `vertices`.
+    """
+
+    vertices: Tensor
+    faces: Tensor
+
+    def __post_init__(self) -> None:
+        if self.vertices.ndim != 2 or self.vertices.shape[1] != 3 or self.faces.ndim != 2 or self.faces.shape[1] != 3:
+            raise ValueError(f"vertices (N, 3), faces (F, 3), got {self.vertices.shape}, {self.faces.shape}")
+
+
+@dataclass(frozen=True)
+class UvMesh:
+    """A welded triangle mesh with an atlas. UVs live on corners, so that seams do not tear the mesh.
+
+    Attributes:
+        vertices: (N, 3) float32, world.
+        faces: (F, 3) int64, indices into `vertices`.
+        uvs: (M, 2) float32 in [0, 1], v up.
+        face_uvs: (F, 3) int64, indices into `uvs`.
+        charts: number of charts.
+    """
+
+    vertices: Tensor
+    faces: Tensor
+    uvs: Tensor
+    face_uvs: Tensor
+    charts: int
+
+    def __post_init__(self) -> None:
+        if self.faces.shape != self.face_uvs.shape:
+            raise ValueError(f"faces {tuple(self.faces.shape)} and face_uvs {tuple(self.face_uvs.shape)} differ")
+
+
+@dataclass(frozen=True)
+class TexelMap:
+    """The surface point of every texel; row 0 is v = 1.
+
+    Attributes:
+        position: (3, T, T) world; 0 where no chart lies.
+        normal: (3, T, T) unit, smooth; 0 where no chart lies.
+        mask: (T, T) bool: a chart covers the texel's centre.
+    """
+
+    position: Tensor
+    normal: Tensor
+    mask: Tensor
+
+
+@dataclass(frozen=True)
+class TexelViews:
+    """What each view says of each texel (ARM, section 5.2); 0 wherever `visibility` is False.
+
+    Attributes:
+        color: (V, 3, T, T) linear Rec.709.
+        visibility: (V, T, T) bool: seen unoccluded, not grazing, inside the silhouette.
+        direction: (V, 3, T, T) unit, from the surface to the camera.
+        cosine: (V, T, T) in [0, 1]: n.v.
+        pixels: (V, T, T, 2) where the texel lies in the view, pixels; meaningless where not visible.
+    """
+
+    color: Tensor
+    visibility: Tensor
+    direction: Tensor
+    cosine: Tensor
+    pixels: Tensor
+
+    @property
+    def seen(self) -> Tensor:
+        """(T, T) bool: at least one view sees the texel."""
+        return self.visibility.any(dim=0)
+
+
+@dataclass(frozen=True)
+class MaterialMaps:
+    """Maps of one atlas; row 0 is v = 1. Gaps between charts are padded with the nearest covered texel.
+
+    Attributes:
+        albedo: (3, T, T) linear Rec.709 in [0, 1]; the base colour, not multiplied by (1 - metallic).
+        baked: (3, T, T) linear Rec.709 in [0, 1]: colour with the lighting of the views in it.
+        roughness: (1, T, T) in [0, 1], perceptual (alpha = roughness**2).
+        metallic: (1, T, T) in [0, 1].
+    """
+
+    albedo: Tensor
+    baked: Tensor
+    roughness: Tensor
+    metallic: Tensor
+
+
+@dataclass(frozen=True)
+class RelightableAsset:
+    """The result: a mesh and what it takes to light it anew.
+
+    Attributes:
+        name: of the object and its files.
+        mesh: with its atlas.
+        maps: material maps on that atlas.
+    """
+
+    name: str
+    mesh: UvMesh
+    maps: MaterialMaps
+
+
+def stack_cameras(cameras: tuple[Camera, ...]) -> tuple[Tensor, Tensor]:
+    """(V, 4, 4) c2w and (V, 3, 3) K of V cameras."""
+    return torch.stack([c.c2w for c in cameras]), torch.stack([c.K for c in cameras])
