@@ -1,0 +1,69 @@
+"""`python -m training COMMAND ...`: render data sets, fit the networks, measure them.
+
+A command's module is imported only when the command is asked for, so that `--help` is fast and rendering, which
+needs `bpy`, stays apart from fitting, which does not. Each module offers `add_arguments(parser)` and `run(args) -> int`.
+"""
+
+import argparse
+import importlib
+import logging
+import os
+import sys
+from pathlib import Path
+
+from arm_blender.errors import ArmError
+
+COMMANDS = {
+    "render": ("training.datasets.render_blender", "render objects into shards, or into evaluation views"),
+    "prepare": ("training.datasets.occupancy", "sample the occupancy of the rendered objects"),
+    "evaluate": ("training.evaluation.evaluate", "measure geometry against the truth and the visual hull"),
+    "sweep": ("training.evaluation.sweep", "error against run time over grids and face budgets"),
+    "stability": ("training.evaluation.stability", "measure the pipeline's parts on extreme inputs"),
+    "left-out": ("training.evaluation.left_out", "show which work the pipeline skips where a scene does not need it"),
+    "presets": ("training.evaluation.presets", "count the parameters of every preset"),
+    "credits": ("training.evaluation.credits", "list the sources of the training objects"),
+}
+STAGES = {
+    "georm": ("training.stages.georm_volume", "GeoRM, supervised with occupancy"),
+    "glossyrm": ("training.stages.glossyrm", "GlossyRM: roughness and metallic at surface points"),
+    "instant-albedo": ("training.stages.instant_albedo", "InstantAlbedo: albedo and lighting-baked colour"),
+}
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run one command; returns the exit status: 0 done, 1 failed, 2 bad usage."""
+    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
+    try:
+        chosen, rest = _command_parser().parse_known_args(argv)
+        module = importlib.import_module(chosen.module)
+        parser = argparse.ArgumentParser(prog=chosen.program, description=(module.__doc__ or "").partition("\n")[0])
+        module.add_arguments(parser)
+        if "ARM_DATA" in os.environ:
+            parser.set_defaults(data=Path(os.environ["ARM_DATA"]))
+        args = parser.parse_args(rest)
+    except SystemExit as stop:  # argparse has printed what is wrong; a caller in Python gets a status as well.
+        return int(stop.code or 0)
+    try:
+        return module.run(args)
+    except ArmError as error:
+        print(f"{chosen.program}: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print(f"{chosen.program}: stopped", file=sys.stderr)
+        return 130
+
+
+def _command_parser() -> argparse.ArgumentParser:
+    """Knows the commands, not their arguments: those are in modules that are imported later, if at all."""
+    parser = argparse.ArgumentParser(prog="python -m training", description="Render, fit and measure.")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    stages = commands.add_parser("fit", help="fit one network").add_subparsers(required=True, metavar="STAGE")
+    for prefix, group, table in (("", commands, COMMANDS), ("fit ", stages, STAGES)):
+        for name, (module, summary) in table.items():
+            command = group.add_parser(name, help=summary, add_help=False)
+            command.set_defaults(module=module, program=f"python -m training {prefix}{name}")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())
