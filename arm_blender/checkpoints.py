@@ -1,0 +1,254 @@
+"""Weights on disk: safetensors with the model's config inside, and the list of what this project ships.
+
+A checkpoint is whole and self-describing, or it is refused: an unknown config key, another model, a missing or
+wrongly shaped tensor each end in a `CheckpointError` that names the file and the remedy.
+"""
+
+import dataclasses
+import hashlib
+import json
+import os
+import types
+import typing
+from pathlib import Path
+from typing import Any, TypeVar
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor, nn
+
+from .errors import CheckpointError
+
+Config = TypeVar("Config")
+
+FORMAT = "arm_blender/1"
+"""Stands in every file; a file without it was written by another program."""
+
+FOLDER = Path(__file__).parent / "weights"
+"""Where shipped weights lie, next to `SHA256SUMS`."""
+
+SUMS = "SHA256SUMS"
+
+
+@dataclasses.dataclass(frozen=True)
+class Weights:
+    """One entry of the registry.
+
+    Attributes:
+        name: preset and model, such as "small.georm".
+        enables: what a user gets from it.
+        licence: SPDX identifier of the weights, not of the code.
+        remedy: what to do when the file is not there.
+    """
+
+    name: str
+    enables: str
+    licence: str
+    remedy: str
+
+
+_SHIPPED = "install the project again, or train it: python -m training fit --help"
+_OWN = "this preset ships without weights: train it (python -m training fit --help), or choose --preset small"
+
+REGISTRY = (
+    Weights("small.georm", "geometry from views on a CPU", "GPL-3.0-or-later", _SHIPPED),
+    Weights("small.glossyrm", "roughness and metallic on a CPU", "GPL-3.0-or-later", _SHIPPED),
+    Weights("small.instant_albedo", "albedo without the lighting on a CPU", "GPL-3.0-or-later", _SHIPPED),
+    Weights("paper.georm", "geometry at the paper's size", "your own", _OWN),
+    Weights("paper.glossyrm", "roughness and metallic at the paper's size", "your own", _OWN),
+    Weights("paper.instant_albedo", "albedo at the paper's size", "your own", _OWN),
+)
+
+
+def save(
+    path: Path,
+    state: dict[str, Tensor],
+    config: Any,
+    name: str,
+    metadata: dict[str, str] | None = None,
+    half: bool = False,
+) -> None:
+    """Write a checkpoint whole or not at all.
+
+    Args:
+        path: of the .safetensors file; its folder is made.
+        state: a module's state dict.
+        config: the frozen dataclass that the module was built from.
+        name: of the model, such as "georm".
+        metadata: strings that go into the header (data, steps, licence).
+        half: store floating-point tensors as float16.
+    Raises:
+        ValueError: a value is not finite, or does not fit into float16.
+    """
+    tensors = {}
+    for key, tensor in state.items():
+        stored = tensor.detach().cpu().contiguous()
+        if stored.is_floating_point():
+            stored = stored.to(torch.float16 if half else torch.float32)
+            if not bool(torch.isfinite(stored).all()):
+                raise ValueError(f"{key}: a value is not finite in {stored.dtype}")
+        # Tied weights share memory, which safetensors refuses; each key gets its own.
+        tensors[key] = stored.clone()
+    header = dict(metadata or {})
+    header |= {"format": FORMAT, "name": name, "type": type(config).__name__}
+    header["config"] = json.dumps(dataclasses.asdict(config), sort_keys=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        save_file(tensors, unfinished, header)
+        os.replace(unfinished, path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def load(path: Path, expected: type[Config]) -> tuple[Config, dict[str, Tensor]]:
+    """The config and the state dict of a checkpoint; floating-point tensors as float32.
+
+    Raises:
+        CheckpointError: the file is missing, damaged, or made for another model or version.
+    """
+    header = read_header(path)
+    if header["type"] != expected.__name__:
+        raise CheckpointError(
+            f"{path}: holds the model {header['name']!r} ({header['type']}), but {expected.__name__} is needed; "
+            "choose the file made for this model"
+        )
+    try:
+        config = config_from_dict(expected, json.loads(header["config"]))
+    except (ValueError, TypeError) as error:
+        raise CheckpointError(
+            f"{path}: {error}; the file was made by another version, get one made for this"
+        ) from error
+    with safe_open(path, framework="pt") as file:
+        state = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118  (safe_open is no mapping)
+    return config, {key: t.float() if t.is_floating_point() else t for key, t in state.items()}
+
+
+def read_header(path: Path) -> dict[str, str]:
+    """The strings in a checkpoint's header: at least format, name, type and config.
+
+    Raises:
+        CheckpointError: the file is missing, damaged, or not one of ours.
+    """
+    if not path.is_file():
+        raise CheckpointError(f"{path}: no such weights; {_remedy(path)}")
+    try:
+        with safe_open(path, framework="pt") as file:
+            header = file.metadata() or {}
+    except (SafetensorError, OSError) as error:
+        raise CheckpointError(f"{path}: damaged ({error}); copy or download the file again") from error
+    if header.get("format") != FORMAT or not {"name", "type", "config"} <= header.keys():
+        raise CheckpointError(f"{path}: not a checkpoint of this program; import it first, or choose another file")
+    return header
+
+
+def restore(module: nn.Module, state: dict[str, Tensor], path: Path) -> None:
+    """Load `state` into `module`, every key and every shape.
+
+    Args:
+        path: where the state came from, for the message.
+    Raises:
+        CheckpointError: a key is missing, unmapped, or wrongly shaped.
+    """
+    own = module.state_dict()
+    problems = [f"{key} is missing" for key in own.keys() - state.keys()]
+    problems += [f"{key} belongs nowhere" for key in state.keys() - own.keys()]
+    problems += [
+        f"{key} is {tuple(state[key].shape)} instead of {tuple(own[key].shape)}"
+        for key in own.keys() & state.keys()
+        if own[key].shape != state[key].shape
+    ]
+    if problems:
+        problems.sort()
+        more = f" and {len(problems) - 3} more" if len(problems) > 3 else ""
+        raise CheckpointError(f"{path}: {'; '.join(problems[:3])}{more}: made for another model; use its own weights")
+    module.load_state_dict(state)
+
+
+def config_from_dict(expected: type[Config], values: dict[str, Any]) -> Config:
+    """A (nested) dataclass from what JSON kept of it. A field that is absent takes its default.
+
+    Raises:
+        ValueError: a key is unknown, or a value does not fit its field.
+        TypeError: a field without a default is absent.
+    """
+    hints = typing.get_type_hints(expected)
+    known = {field.name for field in dataclasses.fields(expected) if field.init}
+    if not isinstance(values, dict) or values.keys() - known:
+        unknown = sorted(values.keys() - known) if isinstance(values, dict) else values
+        raise ValueError(f"unknown config key {unknown} for {expected.__name__}")
+    return expected(**{key: _typed(hints[key], value, key) for key, value in values.items()})
+
+
+def _typed(hint: Any, value: Any, key: str) -> Any:
+    """`value` from JSON as the type that `hint` states: JSON knows neither tuples nor dataclasses."""
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if dataclasses.is_dataclass(hint):
+        return config_from_dict(hint, value)
+    if origin in (typing.Union, types.UnionType):
+        if value is None and type(None) in arguments:
+            return None
+        return _typed(next(a for a in arguments if a is not type(None)), value, key)
+    if origin is tuple and isinstance(value, list):
+        kinds = arguments[:1] * len(value) if arguments[-1] is Ellipsis else arguments
+        if len(kinds) == len(value):
+            return tuple(_typed(kind, item, key) for kind, item in zip(kinds, value, strict=True))
+    if origin is typing.Literal and value in arguments:
+        return value
+    if hint is float and type(value) is int:
+        return float(value)
+    if isinstance(hint, type) and type(value) is hint:
+        return value
+    raise ValueError(f"config key {key}={value!r} is not {hint}")
+
+
+def shipped(name: str, folder: Path = FOLDER) -> Path:
+    """The file of registered weights: "small.georm" -> .../small.georm.safetensors. It need not exist.
+
+    Raises:
+        CheckpointError: no such name is registered.
+    """
+    if name not in {weights.name for weights in REGISTRY}:
+        raise CheckpointError(f"{name}: no such weights; `python -m arm_blender weights list` names them")
+    return folder / f"{name}.safetensors"
+
+
+def verify(name: str, folder: Path = FOLDER) -> str:
+    """Check a file against its recorded hash; returns its SHA-256.
+
+    Raises:
+        CheckpointError: the file is missing, or differs from the recorded hash.
+    """
+    path = shipped(name, folder)
+    read_header(path)
+    found, recorded = sha256(path), recorded_sums(folder).get(path.name)
+    if found != recorded:
+        what = "differs from" if recorded else "is not in"
+        raise CheckpointError(f"{path}: {what} {SUMS}; install the file again, or record it on purpose")
+    return found
+
+
+def record(folder: Path = FOLDER) -> None:
+    """Write `SHA256SUMS` for every checkpoint in `folder`, in the format of `sha256sum --check`."""
+    lines = [f"{sha256(path)}  {path.name}\n" for path in sorted(folder.glob("*.safetensors"))]
+    unfinished = folder / f".{SUMS}.part"
+    unfinished.write_text("".join(lines), encoding="utf-8")
+    os.replace(unfinished, folder / SUMS)
+
+
+def recorded_sums(folder: Path = FOLDER) -> dict[str, str]:
+    """File name to SHA-256, as recorded; empty where nothing was recorded."""
+    path = folder / SUMS
+    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+    return {name: digest for digest, name in (line.split(maxsplit=1) for line in lines if line.strip())}
+
+
+def sha256(path: Path) -> str:
+    """Hex digest of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _remedy(path: Path) -> str:
+    return next((w.remedy for w in REGISTRY if f"{w.name}.safetensors" == path.name), "check the path")
