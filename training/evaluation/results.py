@@ -1,0 +1,60 @@
+"""Results as Markdown, with the command line that made them; generated blocks of a document."""
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+
+from arm_blender.errors import OutputError
+from arm_blender.files import whole_file
+
+
+def markdown_table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """A Markdown table. Columns of numbers are aligned to the right; floats get three decimals."""
+    cells = [[_cell(value) for value in row] for row in rows]
+    numeric = [all(row[column].lstrip("-")[:1].isdecimal() for row in cells) for column in range(len(header))]
+    lines = [header, ["---:" if right else "---" for right in numeric], *cells]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.3f}"
+    return f"{value:,}" if isinstance(value, int) else str(value).replace("|", "\\|")
+
+
+def command_line(argv: Sequence[str]) -> str:
+    """What to type to get the same numbers again.
+
+    Args:
+        argv: the words after `python -m training`.
+    """
+    return "python -m training " + shlex.join(argv)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text whole or not at all, making its folder.
+
+    Raises:
+        OutputError: the place cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{path.parent}: cannot be made ({error.strerror}); choose another place") from error
+    with whole_file(path) as temporary:
+        temporary.write_text(text.strip() + "\n", encoding="utf-8")
+
+
+def fill_block(path: Path, name: str, text: str) -> None:
+    """Replace what stands between `<!-- name:begin -->` and `<!-- name:end -->` in a document.
+
+    Raises:
+        OutputError: the document has no such block, or cannot be written.
+    """
+    begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
+    document = path.read_text(encoding="utf-8") if path.exists() else ""
+    head, found_begin, rest = document.partition(begin)
+    _, found_end, tail = rest.partition(end)
+    if not (found_begin and found_end):
+        raise OutputError(f"{path}: has no block {begin} ... {end} to fill; add both lines")
+    write_text(path, f"{head}{begin}\n{text.strip()}\n{end}{tail}")
