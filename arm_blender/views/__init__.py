@@ -1,1 +1,135 @@
+"""From files to posed views: a folder with transforms.json, a folder of six pictures in rig order, one picture."""
 
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+
+from ..errors import ArmError, InputImageError
+from ..structures import Progress, ViewSet, silent
+from . import preprocess
+from .image_io import pictures_in, read_image
+from .multiview import Folder, View, provider
+from .rigs import ZERO123PLUS
+from .transforms_json import read_transforms
+
+TRANSFORMS = "transforms.json"
+
+LeaveOut = Callable[[str, str], None]
+"""Is told what was not used, and why; `Report.leave_out` is one."""
+
+
+@dataclass(frozen=True)
+class ViewOptions:
+    """How pictures are taken that come without cameras, and how much each counts."""
+
+    rig: str = ZERO123PLUS
+    """Of a folder of six pictures. There is one so far."""
+    rig_distance: float = 4.0
+    """World units. Larger than the pictures were made at makes the object too large for its box."""
+    elevation_deg: float | None = None
+    """Of the camera of a single picture; None is 10. A wrong one tilts the object."""
+    fovy_deg: float | None = None
+    """Of a single picture's crop or of the rig; None is 30. A wrong one deepens or flattens the object."""
+    weights: tuple[float, ...] | None = None
+    """One per view, before views that see nothing are skipped; None takes transforms.json's, or 1."""
+    multiview: str = "none"
+    """What makes further views of a single picture; "none" reconstructs from it alone."""
+
+    def __post_init__(self) -> None:
+        if self.rig != ZERO123PLUS:
+            raise ArmError(f"--rig {self.rig}: unknown; the rig is {ZERO123PLUS}")
+        if not self.rig_distance > 0.0:
+            raise ArmError(f"--rig-distance {self.rig_distance:g}: give a positive distance")
+        if self.fovy_deg is not None and not 0.0 < self.fovy_deg < 180.0:
+            raise ArmError(f"--fovy {self.fovy_deg:g}: give degrees between 0 and 180")
+        if self.elevation_deg is not None and not -90.0 <= self.elevation_deg <= 90.0:
+            raise ArmError(f"--elevation {self.elevation_deg:g}: give degrees between -90 and 90")
+
+
+def load_views(
+    path: Path,
+    options: ViewOptions | None = None,
+    progress: Progress = silent,
+    left_out: LeaveOut | None = None,
+) -> ViewSet:
+    """Reads the views of one object.
+
+    Args:
+        path: a picture, a folder with transforms.json (or that file), or a folder of six pictures in the rig's order.
+        options: for what the files do not say.
+        progress: is told each picture.
+        left_out: is told what is not used, and why: views that see nothing, pixels beyond `preprocess.MAXIMUM_SIDE`.
+    Returns:
+        The views that see something, in the cameras' own frame.
+    Raises:
+        InputImageError, CameraError: the files do not do; the line names the file and the remedy.
+        Cancelled: by `progress`.
+    """
+    options = options or ViewOptions()
+    views = _read(path, options, progress)
+    preprocess.same_size([view.image for view in views], [view.path for view in views])
+    if options.weights is not None:
+        views = _weighted(views, options.weights, path)
+    seeing = preprocess.seeing_views([view.image for view in views], [view.path for view in views])
+    if left_out is not None:
+        for index in sorted(set(range(len(views))) - set(seeing)):
+            left_out(f"view {views[index].path.name}", "it shows nothing")
+        if max(views[0].image.shape[1:]) == preprocess.MAXIMUM_SIDE:
+            left_out(f"pixels beyond {preprocess.MAXIMUM_SIDE} a side", "no texture can hold them")
+    views = [views[index] for index in seeing]
+    if not any(view.weight > 0.0 for view in views):
+        raise InputImageError(f"{path}: every view that shows something has weight 0; give one a positive weight")
+    return ViewSet(
+        images=torch.stack([view.image for view in views]),
+        cameras=tuple(view.camera for view in views),
+        weights=torch.tensor([view.weight for view in views]),
+        name=_name(path),
+    )
+
+
+def _read(path: Path, options: ViewOptions, progress: Progress) -> list[View]:
+    """The views at `path`, by what is there."""
+    if path.is_dir():
+        if (path / TRANSFORMS).is_file():
+            return _posed_views(path / TRANSFORMS, progress)
+        pictures = pictures_in(path)
+        if len(pictures) == 1:
+            return _read(pictures[0], options, progress)
+        return Folder(options.rig_distance, options.fovy_deg).views(path, progress)
+    if not path.exists():
+        raise InputImageError(f"{path}: no such file or folder; give an image, or a folder of views")
+    if path.suffix.lower() == ".json":
+        return _posed_views(path, progress)
+    return provider(options.multiview, options.elevation_deg, options.fovy_deg).views(path, progress)
+
+
+def _posed_views(transforms: Path, progress: Progress) -> list[View]:
+    """The views of a transforms.json."""
+    views = []
+    frames = read_transforms(transforms)
+    for index, frame in enumerate(frames):
+        progress(index / len(frames), f"reading {frame.image.name}")
+        image = preprocess.foreground(read_image(frame.image), frame.image)
+        camera = frame.camera(image.shape[2], image.shape[1])
+        image = preprocess.limit_size(image, frame.image)
+        views.append(View(frame.image, image, camera.resized(image.shape[2], image.shape[1]), frame.weight))
+    return views
+
+
+def _weighted(views: list[View], weights: tuple[float, ...], path: Path) -> list[View]:
+    if len(weights) != len(views):
+        raise InputImageError(f"{path}: {len(views)} views but {len(weights)} --view-weights; give one per view")
+    if not all(math.isfinite(weight) and weight >= 0.0 for weight in weights):
+        raise InputImageError(f"{path}: --view-weights must be 0 or more; give one per view")
+    return [replace(view, weight=weight) for view, weight in zip(views, weights, strict=True)]
+
+
+def _name(path: Path) -> str:
+    """What the result is called: the picture's or the folder's name."""
+    path = path.resolve()
+    if path.name == TRANSFORMS:
+        path = path.parent
+    return (path.name if path.is_dir() else path.stem) or "object"

@@ -1,0 +1,103 @@
+"""What a run did: seconds per stage, sizes, and what was left out and why. It becomes report.json."""
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from .files import write_json
+from .version import VERSION
+
+FILE_NAME = "report.json"
+"""Written last: the file that marks an asset's folder as whole."""
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """One thing that the run did not do or did not use, and the reason."""
+
+    what: str
+    why: str
+
+
+@dataclass
+class Report:
+    """Collected along the run.
+
+    Attributes:
+        preset: name of the networks' preset.
+        device: where the networks ran.
+        seed: of the random generators.
+        version: of the program.
+        seconds: per stage, in the order in which they began; a stage that runs twice adds up.
+        faces: triangles of the result.
+        charts: charts of its atlas.
+        texture_size: texels a side of its largest map.
+        seen_share: of the covered texels, how many at least one view sees, in [0, 1].
+        left_out: what was not done, and why.
+    """
+
+    preset: str
+    device: str
+    seed: int
+    version: str = VERSION
+    seconds: dict[str, float] = field(default_factory=dict)
+    faces: int | None = None
+    charts: int | None = None
+    texture_size: int | None = None
+    seen_share: float | None = None
+    left_out: list[LeftOut] = field(default_factory=list)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Adds the seconds that the block takes to the stage `name`, also when it ends in an exception."""
+        start = time.perf_counter()
+        self.seconds.setdefault(name, 0.0)
+        try:
+            yield
+        finally:
+            self.seconds[name] += time.perf_counter() - start
+
+    def leave_out(self, what: str, why: str) -> None:
+        """Notes that `what` was not done, and `why`; once, however often it is said."""
+        note = LeftOut(what, why)
+        if note not in self.left_out:
+            self.left_out.append(note)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The report as JSON types; `peak_memory_mib` is the process's highest resident size until now."""
+        return {
+            "version": self.version,
+            "preset": self.preset,
+            "device": self.device,
+            "seed": self.seed,
+            "seconds": {name: round(seconds, 3) for name, seconds in self.seconds.items()},
+            "total_seconds": round(sum(self.seconds.values()), 3),
+            "peak_memory_mib": peak_memory_mib(),
+            "faces": self.faces,
+            "charts": self.charts,
+            "texture_size": self.texture_size,
+            "seen_share": None if self.seen_share is None else round(self.seen_share, 4),
+            "left_out": [{"what": note.what, "why": note.why} for note in self.left_out],
+        }
+
+    def write(self, path: Path) -> None:
+        """`as_dict` as a JSON file, whole or not at all.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        write_json(path, self.as_dict())
+
+
+def peak_memory_mib() -> float | None:
+    """Highest resident size of this process or of one of its children so far, MiB; None where no one counts it."""
+    try:
+        import resource
+    except ImportError:  # Windows has no getrusage.
+        return None
+    peak = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return round(peak / (2**20 if sys.platform == "darwin" else 2**10), 1)  # macOS counts bytes, Linux KiB.

@@ -1,0 +1,156 @@
+"""Pictures in and out of files, through OpenImageIO: linear Rec.709 with straight alpha inside, sRGB in 8-bit files."""
+
+import logging
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+import torch
+from torch import Tensor
+
+from ..errors import InputImageError
+from ..files import whole_file
+from ..graphics.color import linear_from_srgb, srgb_from_linear
+
+logger = logging.getLogger(__name__)
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".webp", ".hdr", ".tif", ".tiff")
+"""What counts as a picture when a folder is listed."""
+
+MAXIMUM_SIDE = 8192
+"""Pixels a side; larger pictures are refused before they are decoded."""
+
+
+def read_image(path: Path) -> Tensor:
+    """A picture as the program holds it.
+
+    Args:
+        path: 8 or 16-bit PNG, JPEG, WebP, TIFF (sRGB), EXR or HDR (linear); grey, grey with alpha, RGB or RGBA.
+    Returns:
+        (4, H, W) float32 in [0, 1], linear Rec.709 and straight alpha; alpha is 1 where the file has none. Turned
+        upright as its EXIF orientation says.
+    Raises:
+        InputImageError: missing, not a picture, truncated, or larger than `MAXIMUM_SIDE`.
+    """
+    if not path.is_file():
+        raise InputImageError(f"{path}: no such file; check the path")
+    if path.stat().st_size == 0:
+        raise InputImageError(f"{path}: the file is empty; export the picture again")
+    # "Unassociated" hands over the stored colour: OpenImageIO would multiply by alpha in 8 bits and lose the dark ends.
+    wish = oiio.ImageSpec()
+    wish.attribute("oiio:UnassociatedAlpha", 1)
+    with _quiet_decoders():
+        source = oiio.ImageInput.open(str(path), wish)
+        if source is None:
+            reason = oiio.geterror()
+            logger.debug("%s: %s", path, reason)
+            raise InputImageError(f"{path}: not a readable picture; give a PNG, JPEG, WebP, TIFF, EXR or HDR file")
+        try:
+            spec = source.spec()
+            if max(spec.width, spec.height) > MAXIMUM_SIDE:
+                size = f"{spec.width}x{spec.height}"
+                raise InputImageError(f"{path}: {size} pixels; scale it to at most {MAXIMUM_SIDE} a side")
+            pixels = source.read_image(0, 0, 0, spec.nchannels, "float")
+            # A truncated JPEG comes back with grey rows and an error, every other format without pixels.
+            if pixels is None or source.has_error:
+                logger.debug("%s: %s", path, source.geterror())
+                raise InputImageError(f"{path}: the picture is truncated or damaged; export it again")
+        finally:
+            source.close()
+    rgba = _rgba_of_channels(pixels, spec.channelnames)
+    upright = _upright(rgba, spec.get_int_attribute("Orientation", 1))
+    image = torch.from_numpy(np.ascontiguousarray(upright.transpose(2, 0, 1)))
+    alpha = image[3:].clamp(0.0, 1.0)
+    if spec.format.basetype in (oiio.BASETYPE.HALF, oiio.BASETYPE.FLOAT, oiio.BASETYPE.DOUBLE):
+        color = _straight(image[:3], alpha) if source.format_name() == "openexr" else image[:3]
+    else:
+        color = linear_from_srgb(image[:3])
+    return torch.cat([color.clamp(0.0, 1.0), alpha])
+
+
+def pictures_in(folder: Path) -> list[Path]:
+    """The pictures of a folder, sorted by name; hidden files and sub-folders do not count."""
+    found = (path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and path.name[0] != ".")
+    return sorted(path for path in found if path.is_file())
+
+
+def write_png(path: Path, image: Tensor, srgb: bool) -> None:
+    """An 8-bit PNG, whole or not at all.
+
+    Args:
+        path: of the file; its folder exists.
+        image: (C, H, W) in [0, 1], C = 1 grey, 3 RGB or 4 RGB with straight alpha; clamped, and rounded to 8 bits.
+        srgb: colour, encoded from linear Rec.709 to sRGB; otherwise data, stored as it is. Alpha is data always.
+    Raises:
+        ValueError: not (1|3|4, H, W).
+        OutputError: the file cannot be written.
+    """
+    if image.ndim != 3 or image.shape[0] not in (1, 3, 4):
+        raise ValueError(f"image must be (1|3|4, H, W), got {tuple(image.shape)}")
+    image = image.detach().to("cpu", torch.float32)
+    if srgb:
+        image = torch.cat([srgb_from_linear(image[:3]), image[3:]])
+    pixels = (image.clamp(0.0, 1.0) * 255.0).round().to(torch.uint8).permute(1, 2, 0).contiguous().numpy()
+    height, width, channels = pixels.shape
+    spec = oiio.ImageSpec(width, height, channels, "uint8")
+    spec.attribute("oiio:UnassociatedAlpha", 1)
+    if srgb:
+        spec.attribute("oiio:ColorSpace", "sRGB")
+    with whole_file(path) as temporary:
+        sink = oiio.ImageOutput.create(str(temporary))
+        written = sink.open(str(temporary), spec) and sink.write_image(pixels)
+        if not (sink.close() and written):
+            raise OSError(0, sink.geterror() or "no space")
+
+
+def _rgba_of_channels(pixels: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
+    """(H, W, 4) of (H, W, N) by the channels' names; alpha is 1 where there is none.
+
+    A multilayer EXR puts its layer's name before each channel: the first layer that has R, G and B is taken.
+    """
+    short = [name.rpartition(".")[2].upper() for name in names]
+    alpha = pixels[..., short.index("A")] if "A" in short else np.ones(pixels.shape[:2], np.float32)
+    if {"R", "G", "B"} <= set(short):
+        color = [pixels[..., short.index(name)] for name in "RGB"]
+    else:
+        color = [pixels[..., 0]] * 3
+    return np.nan_to_num(np.stack([*color, alpha], axis=-1), nan=0.0, posinf=1.0, neginf=0.0)
+
+
+def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
+    """(H, W, C) as it is meant to be seen, from the EXIF orientation (1 to 8) of the stored rows."""
+    if orientation in (5, 6, 7, 8):
+        pixels = pixels.transpose(1, 0, 2)
+    if orientation in (3, 4, 7, 8):
+        pixels = pixels[::-1]
+    if orientation in (2, 3, 6, 7):
+        pixels = pixels[:, ::-1]
+    return pixels
+
+
+def _straight(color: Tensor, alpha: Tensor) -> Tensor:
+    """(3, H, W) straight colour of premultiplied `color`; 0 where `alpha` (1, H, W) is 0."""
+    return torch.where(alpha > 0.0, color / alpha.clamp(min=1e-6), torch.zeros_like(color))
+
+
+@contextmanager
+def _quiet_decoders() -> Iterator[None]:
+    """Keeps what libpng and OpenEXR print by themselves off the terminal: the error that we raise says it.
+
+    Only on the main thread: elsewhere somebody else may be writing to the same descriptor.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    saved = os.dup(2)
+    try:
+        with open(os.devnull, "wb") as nowhere:
+            os.dup2(nowhere.fileno(), 2)
+        yield
+    finally:
+        os.dup2(saved, 2)
+        os.close(saved)

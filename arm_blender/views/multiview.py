@@ -1,0 +1,91 @@
+"""Where the views of an object without poses come from: its one picture, or six that another program has made."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from torch import Tensor
+
+from ..errors import ArmError, InputImageError
+from ..graphics.cameras import Camera
+from ..structures import Progress
+from . import preprocess
+from .image_io import pictures_in, read_image
+from .rigs import AZIMUTHS_DEG, front_camera, zero123plus_rig
+
+
+@dataclass(frozen=True)
+class View:
+    """A picture that has been read, and its camera.
+
+    Attributes:
+        path: of the file, for messages.
+        image: (4, H, W) linear Rec.709, straight alpha, cut out.
+        camera: of that size.
+        weight: how much it counts in the texture, >= 0.
+    """
+
+    path: Path
+    image: Tensor
+    camera: Camera
+    weight: float = 1.0
+
+
+class MultiviewProvider(Protocol):
+    """Turns what is at a path into posed views."""
+
+    def views(self, path: Path, progress: Progress) -> list[View]:
+        """At least one view.
+
+        Raises:
+            InputImageError: a picture does not do.
+        """
+
+
+class PictureAlone:
+    """`none`: the one picture, seen from the front."""
+
+    def __init__(self, elevation_deg: float | None, fovy_deg: float | None) -> None:
+        self.elevation_deg = 10.0 if elevation_deg is None else elevation_deg
+        self.fovy_deg = 30.0 if fovy_deg is None else fovy_deg
+
+    def views(self, path: Path, progress: Progress) -> list[View]:
+        progress(0.0, f"reading {path.name}")
+        image, longest = preprocess.crop_single(preprocess.foreground(read_image(path), path), path)
+        return [View(path, image, front_camera(longest, image.shape[1], self.elevation_deg, self.fovy_deg))]
+
+
+class Folder:
+    """`folder`: six square pictures, by name in the order of the Zero123++ v1.2 rig."""
+
+    def __init__(self, distance: float, fovy_deg: float | None) -> None:
+        self.distance = distance
+        self.fovy_deg = 30.0 if fovy_deg is None else fovy_deg
+
+    def views(self, path: Path, progress: Progress) -> list[View]:
+        pictures = pictures_in(path)
+        if len(pictures) != len(AZIMUTHS_DEG):
+            raise InputImageError(
+                f"{path}: no transforms.json and {len(pictures)} images; add the cameras, or give exactly "
+                f"{len(AZIMUTHS_DEG)} images in the rig's order, or one image"
+            )
+        images = []
+        for index, picture in enumerate(pictures):
+            progress(index / len(pictures), f"reading {picture.name}")
+            images.append(preprocess.limit_size(preprocess.foreground(read_image(picture), picture), picture))
+        height, width = images[0].shape[1:]
+        if height != width:
+            raise InputImageError(f"{pictures[0]}: {width}x{height} pixels; the rig's views are square, crop them so")
+        cameras = zero123plus_rig(self.distance, self.fovy_deg, width)
+        return [View(*view) for view in zip(pictures, images, cameras, strict=True)]
+
+
+def provider(name: str, elevation_deg: float | None, fovy_deg: float | None) -> MultiviewProvider:
+    """The provider of the views of a single picture, by its name.
+
+    Raises:
+        ArmError: there is none of that name here.
+    """
+    if name == "none":
+        return PictureAlone(elevation_deg, fovy_deg)
+    raise ArmError(f"--multiview {name}: not available; give --multiview none, or a folder of the six views it made")

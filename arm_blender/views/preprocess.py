@@ -1,0 +1,153 @@
+"""From pictures to views: the foreground where there is no alpha, the crop of a single picture, sizes, empty views."""
+
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from ..errors import InputImageError
+from ..graphics.color import srgb_from_linear
+
+FOREGROUND_RATIO = 0.85
+"""Of the square crop of a single picture, how much its object's longer side takes: as Zero123++ was trained."""
+
+MAXIMUM_SIDE = 2048
+"""Pixels a side that a view keeps; beyond it no atlas that we make can hold more detail."""
+
+MINIMUM_SIDE = 16
+"""Pixels a side below which a view says nothing."""
+
+_BACKGROUND_TOLERANCE = 14.0 / 255.0
+"""sRGB distance per channel; above the ringing of a JPEG's border, below the shading of an object."""
+
+_UNIFORM_SHARE = 0.95
+"""Of the border's pixels, how many must have its median colour before it passes for a plain background."""
+
+_MINIMUM_SHARE = 2e-4
+"""Of all pixels, how many must be foreground: three pixels of a view of 128 x 128, not a speck of dust."""
+
+
+def foreground(image: Tensor, path: Path) -> Tensor:
+    """`image` (4, H, W) with an alpha that cuts the object out, linear Rec.709.
+
+    A picture with alpha keeps it. An opaque one loses what is connected to its border, if that has one colour; a hole
+    in the object that shows the background stays, and of an evenly coloured picture nothing does.
+
+    Raises:
+        InputImageError: opaque, and the border is not of one colour.
+    """
+    if bool((image[3] < 0.5).any()):
+        return image
+    background = _plain_background(image)
+    if background is None:
+        raise InputImageError(f"{path}: no foreground found; supply an image with alpha, or turn on background removal")
+    return torch.cat([image[:3], (image[3] * ~background)[None]])
+
+
+def sees_something(alpha: Tensor) -> bool:
+    """Whether enough of `alpha` (H, W) is opaque for an object to be there."""
+    return int((alpha > 0.5).sum()) >= max(3, _MINIMUM_SHARE * alpha.numel())
+
+
+def limit_size(image: Tensor, path: Path) -> Tensor:
+    """`image` (4, H, W), averaged down where it is larger than `MAXIMUM_SIDE`.
+
+    Raises:
+        InputImageError: smaller than `MINIMUM_SIDE`.
+    """
+    height, width = image.shape[1:]
+    if min(height, width) < MINIMUM_SIDE:
+        raise InputImageError(f"{path}: {width}x{height} pixels; give at least {MINIMUM_SIDE} a side")
+    if max(height, width) <= MAXIMUM_SIDE:
+        return image
+    scale = MAXIMUM_SIDE / max(height, width)
+    return _resized(image, max(1, round(height * scale)), max(1, round(width * scale)))
+
+
+def crop_single(image: Tensor, path: Path) -> tuple[Tensor, float]:
+    """The square window around the object of a single picture, at `FOREGROUND_RATIO`.
+
+    Args:
+        image: (4, H, W) linear, with a foreground.
+        path: for the message.
+    Returns:
+        (4, S, S), transparent where the window reaches beyond the picture, and the longer side of the object's
+        bounding box in its pixels.
+    Raises:
+        InputImageError: nothing is opaque.
+    """
+    if not sees_something(image[3]):
+        raise InputImageError(f"{path}: the mask is empty; supply an image whose alpha shows the object")
+    rows, columns = (torch.nonzero((image[3] > 0.5).any(dim=dim))[:, 0] for dim in (1, 0))
+    top, bottom = int(rows[0]), int(rows[-1]) + 1
+    left, right = int(columns[0]), int(columns[-1]) + 1
+    longest = max(bottom - top, right - left)
+    # An even remainder on each side keeps the window's centre on the box's centre, to half a pixel.
+    side = max(round(longest / FOREGROUND_RATIO), longest)
+    window_left, window_top = (left + right - side) // 2, (top + bottom - side) // 2
+    window = image.new_zeros(4, side, side)
+    height, width = image.shape[1:]
+    source_top, source_left = max(window_top, 0), max(window_left, 0)
+    source = image[:, source_top : min(window_top + side, height), source_left : min(window_left + side, width)]
+    window_row, window_column = source_top - window_top, source_left - window_left
+    window[:, window_row : window_row + source.shape[1], window_column : window_column + source.shape[2]] = source
+    limited = limit_size(window, path)
+    return limited, longest * limited.shape[1] / side
+
+
+def same_size(images: list[Tensor], paths: list[Path]) -> None:
+    """Raises `InputImageError`, naming the first view whose size differs from the first one's."""
+    for image, path in zip(images, paths, strict=True):
+        if image.shape != images[0].shape:
+            sizes = " and ".join(f"{i.shape[2]}x{i.shape[1]}" for i in (image, images[0]))
+            raise InputImageError(f"{path}: views of different sizes ({sizes}); scale or crop all to one size")
+
+
+def seeing_views(images: list[Tensor], paths: list[Path]) -> list[int]:
+    """The indices of the views (4, H, W) that show something; the others have nothing to say.
+
+    Raises:
+        InputImageError: none does.
+    """
+    seeing = [index for index, image in enumerate(images) if sees_something(image[3])]
+    if not seeing:
+        raise InputImageError(f"{paths[0]}: the mask is empty in every view; supply images whose alpha shows the object")
+    return seeing
+
+
+def _plain_background(image: Tensor) -> Tensor | None:
+    """(H, W) bool: connected to the border and of its colour; None where the border has no one colour."""
+    srgb = srgb_from_linear(image[:3])
+    border = torch.cat([srgb[:, 0], srgb[:, -1], srgb[:, :, 0], srgb[:, :, -1]], dim=1)
+    median = border.median(dim=1).values
+    alike = (border - median[:, None]).abs().amax(dim=0) <= _BACKGROUND_TOLERANCE
+    if float(alike.float().mean()) < _UNIFORM_SHARE:
+        return None
+    passable = (srgb - median[:, None, None]).abs().amax(dim=0) <= _BACKGROUND_TOLERANCE
+    reached = torch.zeros_like(passable)
+    reached[[0, -1]] = passable[[0, -1]]
+    reached[:, [0, -1]] = passable[:, [0, -1]]
+    while True:
+        before = int(reached.sum())
+        reached = _flooded_rows(reached, passable)
+        reached = _flooded_rows(reached.T, passable.T).T
+        if int(reached.sum()) == before:
+            return reached
+
+
+def _flooded_rows(reached: Tensor, passable: Tensor) -> Tensor:
+    """`reached` (H, W), spread over each run of passable pixels of a row that it touches."""
+    # A run's number is the count of its row's starts so far; numbering all rows in one go makes runs distinct.
+    starts = passable.clone()
+    starts[:, 1:] &= ~passable[:, :-1]
+    run = starts.flatten().cumsum(0)
+    touched = torch.zeros(int(run[-1]) + 1, dtype=torch.bool, device=run.device)
+    touched[run[reached.flatten()]] = True
+    return touched[run].view_as(passable) & passable
+
+
+def _resized(image: Tensor, height: int, width: int) -> Tensor:
+    """`image` (4, H, W) averaged down to another size; premultiplied on the way, so that no background leaks in."""
+    premultiplied = torch.cat([image[:3] * image[3:], image[3:]])[None]
+    small = torch.nn.functional.interpolate(premultiplied, size=(height, width), mode="area")[0]
+    return torch.cat([small[:3] / small[3:].clamp(min=1e-6), small[3:]]).clamp(0.0, 1.0)

@@ -1,0 +1,213 @@
+"""transforms.json, in and out: the convention of the NeRF-synthetic set, and what nerfstudio and instant-ngp add.
+
+A frame names a picture and its camera to world matrix in OpenGL axes. The intrinsics are `camera_angle_x` (radians), or
+`fl_x, fl_y, cx, cy` in pixels of a picture of `w` x `h`; global, or per frame, which goes first. Ours is `weight`.
+"""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..errors import CameraError, InputImageError
+from ..files import write_json
+from ..graphics.cameras import Camera
+from .image_io import SUFFIXES
+
+MAXIMUM_VIEWS = 16
+
+_DISTORTION = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
+_PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
+"""Camera models that are pinholes once their distortion is 0."""
+
+_RIGID_TOLERANCE = 1e-3
+"""How far the rotation may be from orthonormal: six decimals in a file pass, a scale or a mirror does not."""
+
+
+@dataclass(frozen=True)
+class PosedFrame:
+    """One frame of a file: a picture and its camera, which is complete once the picture's size is known.
+
+    Attributes:
+        image: the picture; it exists, inside the file's folder.
+        c2w: (4, 4) float32, rigid, OpenGL axes.
+        fields: the frame's own fields over the file's.
+        weight: how much the view counts in the texture, >= 0.
+        where: file and frame, for messages.
+    """
+
+    image: Path
+    c2w: Tensor
+    fields: dict[str, Any]
+    weight: float
+    where: str
+
+    def camera(self, width: int, height: int) -> Camera:
+        """The camera of the picture, whose size is `width` x `height` pixels.
+
+        Raises:
+            CameraError: there are no intrinsics, they are no numbers, or they are for a picture of another shape.
+        """
+        stated = self._number("w") or float(width), self._number("h") or float(height)
+        scale_x, scale_y = width / stated[0], height / stated[1]
+        # Half a pixel of rounding in a scaled picture is no other shape.
+        if abs(scale_x / scale_y - 1.0) > 1.0 / min(width, height):
+            size = f"{stated[0]:g}x{stated[1]:g}"
+            raise CameraError(f"{self.where}: w, h say {size}, the picture is {width}x{height}; correct w and h")
+        focal_x, focal_y = self._focals(*stated)
+        center_x, center_y = self._number("cx"), self._number("cy")
+        K = torch.tensor([
+            [focal_x * scale_x, 0.0, (stated[0] / 2.0 if center_x is None else center_x) * scale_x],
+            [0.0, focal_y * scale_y, (stated[1] / 2.0 if center_y is None else center_y) * scale_y],
+            [0.0, 0.0, 1.0],
+        ])
+        return Camera(self.c2w, K, width, height)
+
+    def _focals(self, width: float, height: float) -> tuple[float, float]:
+        """Focal lengths in pixels of a picture of the stated size."""
+        focal_x, focal_y = self._number("fl_x"), self._number("fl_y")
+        angle_x, angle_y = self._number("camera_angle_x"), self._number("camera_angle_y")
+        for name, angle in (("camera_angle_x", angle_x), ("camera_angle_y", angle_y)):
+            if angle is not None and not 0.0 < angle < math.pi:
+                raise CameraError(f"{self.where}: {name} is {angle:g}; give radians between 0 and pi")
+        for name, focal in (("fl_x", focal_x), ("fl_y", focal_y)):
+            if focal is not None and not focal > 0.0:
+                raise CameraError(f"{self.where}: {name} is {focal:g}; give a positive focal length in pixels")
+        if focal_x is None and angle_x is not None:
+            focal_x = width / (2.0 * math.tan(angle_x / 2.0))
+        if focal_y is None and angle_y is not None:
+            focal_y = height / (2.0 * math.tan(angle_y / 2.0))
+        focal = focal_x or focal_y
+        if focal is None:
+            raise CameraError(f"{self.where}: no camera_angle_x and no fl_x; add the field of view or the focal length")
+        return focal_x or focal, focal_y or focal
+
+    def _number(self, name: str) -> float | None:
+        return _number(self.fields.get(name), name, self.where)
+
+
+def read_transforms(path: Path) -> tuple[PosedFrame, ...]:
+    """The frames of a transforms.json, in the file's order.
+
+    Raises:
+        CameraError: the file is missing or malformed, a matrix is not rigid, the lens is distorted, or a `file_path`
+            leaves the folder. The line names the file, the frame and the field.
+        InputImageError: a picture does not exist.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise CameraError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    except ValueError as error:  # Also bytes that are no UTF-8.
+        raise CameraError(f"{path}: no valid JSON ({error}); export it again") from error
+    frames = data.get("frames") if isinstance(data, dict) else None
+    if not isinstance(frames, list) or not frames:
+        raise CameraError(f'{path}: no "frames"; give a list with file_path and transform_matrix per picture')
+    if len(frames) > MAXIMUM_VIEWS:
+        raise CameraError(f"{path}: {len(frames)} frames; keep at most {MAXIMUM_VIEWS} that look from all around")
+    shared = {key: value for key, value in data.items() if key != "frames"}
+    return tuple(_read_frame(frame, shared, path, index) for index, frame in enumerate(frames))
+
+
+def write_transforms(
+    path: Path, images: Sequence[str], cameras: Sequence[Camera], weights: Sequence[float] | None = None
+) -> None:
+    """A transforms.json of pictures and their cameras, whole or not at all; `read_transforms` gives the same back.
+
+    Args:
+        path: of the file.
+        images: paths of the pictures, relative to the file's folder.
+        cameras: as many.
+        weights: as many, or None where every view counts alike.
+    Raises:
+        ValueError: the numbers of images, cameras and weights differ.
+        OutputError: the file cannot be written.
+    """
+    intrinsics = [_intrinsics(camera) for camera in cameras]
+    alike = all(fields == intrinsics[0] for fields in intrinsics)
+    frames = []
+    for image, camera, own in zip(images, cameras, intrinsics, strict=True):
+        # A float32 prints the shortest decimals that give it back; as a float64 it would print seventeen.
+        matrix = [[float(str(value)) for value in row] for row in camera.c2w.cpu().numpy()]
+        frames.append({"file_path": image, "transform_matrix": matrix} | ({} if alike else own))
+    if weights is not None:
+        for frame, weight in zip(frames, weights, strict=True):
+            frame["weight"] = float(weight)
+    write_json(path, (intrinsics[0] if alike else {}) | {"frames": frames})
+
+
+def _intrinsics(camera: Camera) -> dict[str, float]:
+    """Fields that every reader understands: `camera_angle_x` for the oldest, pixels for the others."""
+    focal_x, focal_y, center_x, center_y = (
+        float(str(value)) for value in camera.K.cpu().numpy()[[0, 1, 0, 1], [0, 1, 2, 2]]
+    )
+    return {
+        "camera_angle_x": 2.0 * math.atan(camera.width / (2.0 * focal_x)),
+        "fl_x": focal_x,
+        "fl_y": focal_y,
+        "cx": center_x,
+        "cy": center_y,
+        "w": camera.width,
+        "h": camera.height,
+    }
+
+
+def _read_frame(frame: Any, shared: dict[str, Any], path: Path, index: int) -> PosedFrame:
+    where = f"{path}: frame {index}"
+    if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str) or not frame["file_path"]:
+        raise CameraError(f"{where}: no file_path; name the frame's picture")
+    where = f"{where} ({frame['file_path']})"
+    fields = shared | frame
+    model = fields.get("camera_model", "PINHOLE")
+    distorted = [name for name in _DISTORTION if _number(fields.get(name), name, where)]
+    if distorted or model not in _PINHOLES or fields.get("is_fisheye"):
+        reason = ", ".join(distorted) or f"camera_model {model}"
+        raise CameraError(f"{where}: the lens is distorted ({reason}); undistort the pictures first")
+    weight = _number(fields.get("weight"), "weight", where)
+    if weight is not None and weight < 0.0:
+        raise CameraError(f"{where}: weight is {weight:g}; give 0 or more")
+    c2w = _rigid(fields.get("transform_matrix"), where)
+    return PosedFrame(_picture(path, frame["file_path"], where), c2w, fields, 1.0 if weight is None else weight, where)
+
+
+def _picture(path: Path, file_path: str, where: str) -> Path:
+    """The picture of a frame: inside the folder of the file, links followed; the extension may be missing."""
+    folder = path.parent.resolve()
+    named = path.parent / file_path.replace("\\", "/")
+    for candidate in (named, *(named.with_name(named.name + suffix) for suffix in SUFFIXES)):
+        if not candidate.resolve().is_relative_to(folder):
+            raise CameraError(f"{where}: file_path leaves the folder; move the picture beside {path.name}")
+        if candidate.is_file():
+            return candidate
+    raise InputImageError(f"{where}: no such picture in {path.parent}; correct file_path or add the file")
+
+
+def _rigid(matrix: Any, where: str) -> Tensor:
+    """(4, 4) float32 of a list of 4 (or 3) rows of 4 numbers that is a rotation and a translation."""
+    try:
+        c2w = torch.tensor(matrix, dtype=torch.float64)
+    except (TypeError, ValueError, RuntimeError):
+        c2w = torch.zeros(0)
+    if c2w.shape == (3, 4):
+        c2w = torch.cat([c2w, torch.tensor([[0.0, 0.0, 0.0, 1.0]], dtype=torch.float64)])
+    if c2w.shape != (4, 4) or not torch.isfinite(c2w).all():
+        raise CameraError(f"{where}: transform_matrix is not 4 rows of 4 numbers; export the cameras again")
+    rotation, last = c2w[:3, :3], torch.tensor([0.0, 0.0, 0.0, 1.0], dtype=torch.float64)
+    skew = (rotation.T @ rotation - torch.eye(3, dtype=torch.float64)).abs().max()
+    if skew > _RIGID_TOLERANCE or torch.linalg.det(rotation) < 0.0 or not torch.equal(c2w[3], last):
+        raise CameraError(f"{where}: transform_matrix is not rigid; remove its scale or mirroring")
+    return c2w.float()
+
+
+def _number(value: Any, name: str, where: str) -> float | None:
+    """`value` as a finite float; None where the field is absent."""
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise CameraError(f"{where}: {name} is {value!r}; give a finite number")
+    return float(value)
