@@ -7,8 +7,10 @@ can flatter a result. The Chamfer distance is the sum of both mean distances, un
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from scipy.spatial import cKDTree
 
+from arm_blender.graphics.meshes import sample_surface
 from arm_blender.structures import TriangleMesh
 
 SAMPLES = 100_000
@@ -39,8 +41,8 @@ def compare(predicted: TriangleMesh, truth: TriangleMesh, samples: int = SAMPLES
     Raises:
         ValueError: a mesh has no area.
     """
-    rng = np.random.default_rng(seed)
-    a, b = sample_surface(predicted, samples, rng), sample_surface(truth, samples, rng)
+    generator = torch.Generator().manual_seed(seed)
+    a, b = (sample_surface(mesh.vertices, mesh.faces, samples, generator)[0].numpy() for mesh in (predicted, truth))
     to_truth, to_predicted = cKDTree(b).query(a)[0], cKDTree(a).query(b)[0]
     return GeometryScores(
         f_coarse=f_score(to_truth, to_predicted, 0.1),
@@ -59,21 +61,3 @@ def f_score(to_truth: np.ndarray, to_predicted: np.ndarray, threshold: float) ->
     """
     precision, recall = float((to_truth <= threshold).mean()), float((to_predicted <= threshold).mean())
     return 2.0 * precision * recall / (precision + recall) if precision + recall > 0.0 else 0.0
-
-
-def sample_surface(mesh: TriangleMesh, count: int, rng: np.random.Generator) -> np.ndarray:
-    """(count, 3) float64 points, uniform over the area of the mesh.
-
-    Raises:
-        ValueError: the mesh has no area.
-    """
-    corners = mesh.vertices[mesh.faces].numpy().astype(np.float64)  # (F, 3 corners, 3)
-    edges = corners[:, 1:] - corners[:, :1]
-    areas = 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    if not areas.sum() > 0.0:
-        raise ValueError(f"a mesh of {len(areas)} faces has no area to sample")
-    face = rng.choice(len(areas), size=count, p=areas / areas.sum())
-    u, v = rng.random((2, count))
-    root = np.sqrt(u)  # Without the root the samples would crowd at the first corner.
-    weights = np.stack([1.0 - root, root * (1.0 - v), root * v], axis=1)
-    return np.einsum("nk,nkd->nd", weights, corners[face])

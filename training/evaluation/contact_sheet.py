@@ -1,0 +1,62 @@
+"""One picture per object: what went in, and the shapes that came out beside the truth."""
+
+import torch
+from PIL import Image, ImageDraw
+from torch import Tensor
+from torch.nn.functional import interpolate
+
+from arm_blender.graphics.cameras import Camera, orbit_camera
+from arm_blender.graphics.color import composite, srgb_from_linear
+from arm_blender.graphics.meshes import face_normals
+from arm_blender.graphics.rasterize import rasterize
+from arm_blender.structures import TriangleMesh, ViewSet
+
+TILE = 192
+"""Pixels a side of every picture."""
+CAPTION = 14
+"""Pixels of a line of text."""
+SIDES = (30.0, 210.0)
+"""Azimuths that each shape is shown from, degrees."""
+
+
+def contact_sheet(views: ViewSet, shapes: dict[str, TriangleMesh]) -> Image.Image:
+    """The views in the first row, then the normals of each shape from two sides in the second.
+
+    Args:
+        views: at most as many as fit are shown.
+        shapes: by caption.
+    """
+    columns = max(len(SIDES) * len(shapes), min(len(views.cameras), 6))
+    inputs = composite(srgb_from_linear(views.images[:columns, :3]), views.images[:columns, 3:], 1.0)
+    inputs = interpolate(inputs, size=(TILE, TILE), mode="bilinear", antialias=True, align_corners=False)
+    rows = [[(f"view {index}", picture) for index, picture in enumerate(inputs)]]
+    rows.append([
+        (f"{caption}, {azimuth:.0f}°", normal_picture(shape, orbit_camera(azimuth, 20.0, 6.0, 26.0, TILE, TILE)))
+        for caption, shape in shapes.items()
+        for azimuth in SIDES
+    ])
+    sheet = Image.new("RGB", (columns * TILE, len(rows) * (TILE + CAPTION)), "white")
+    draw = ImageDraw.Draw(sheet)
+    for row, tiles in enumerate(rows):
+        for column, (caption, picture) in enumerate(tiles):
+            left, top = column * TILE, row * (TILE + CAPTION)
+            draw.text((left + 4, top + 1), caption, fill="black")
+            sheet.paste(_image(picture), (left, top + CAPTION))
+    return sheet
+
+
+def normal_picture(mesh: TriangleMesh, camera: Camera) -> Tensor:
+    """(3, H, W) in [0, 1]: the faces' normals in the camera's frame as colours, white behind them.
+
+    Flat, not smooth, so that every dent of the surface shows; a face that is wound the wrong way shows without blue.
+    """
+    fine = camera.resized(2 * camera.width, 2 * camera.height)
+    face_id = rasterize(mesh.vertices, mesh.faces, fine).face_id
+    normals = face_normals(mesh.vertices, mesh.faces) @ camera.c2w[:3, :3]  # (F, 3) camera
+    picture = torch.where(face_id[..., None] >= 0, 0.5 + 0.5 * normals[face_id.clamp(min=0)], 1.0).permute(2, 0, 1)
+    return interpolate(picture[None], scale_factor=0.5, mode="area")[0]
+
+
+def _image(picture: Tensor) -> Image.Image:
+    """(3, H, W) in [0, 1] as 8 bit."""
+    return Image.fromarray((picture.clamp(0.0, 1.0) * 255.0 + 0.5).to(torch.uint8).permute(1, 2, 0).numpy())
