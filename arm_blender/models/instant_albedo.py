@@ -1,0 +1,208 @@
+"""InstantAlbedo (ARM, section 5.2 and supplement): from what the views say of an atlas to its colours.
+
+    per-view texels + material features --U-Net--> features --max over views--> fused --FFC-Net--> baked colour, albedo
+
+The networks see sRGB; colours are linear at both ends. `paper` predicts both colours of every texel itself. `small`
+predicts, on a coarse atlas, how much brighter each colour is than the blend of the views, so that sharp detail comes
+from the views at full resolution and an untrained network already returns the blend.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from ..graphics.color import composite, linear_from_srgb, srgb_from_linear
+from ..structures import TexelMap, TexelViews
+from .ffc import FfcConfig, FfcGenerator
+from .material_encoder import MaterialEncoder, MaterialEncoderConfig
+from .unet import Unet, UnetConfig
+from .vit import VitConfig
+
+_VIEW_CHANNELS = 15
+"""Image 3, mask 1, position 3, texture coordinates 2, view direction 3, normal 3."""
+
+_DARK = 0.02
+"""Linear. Added to a colour before it is scaled, so that black can be corrected too."""
+
+_LOG_GAIN = 2.5
+"""Bound on the logarithm of a correction: twelve times brighter or darker."""
+
+
+@dataclass(frozen=True)
+class InstantAlbedoConfig:
+    """The paper's networks; where it is silent, docs of the parts say what was chosen."""
+
+    encoder: MaterialEncoderConfig = MaterialEncoderConfig()
+    """Reads the views for material, back-projected like their colours."""
+    unet: UnetConfig = UnetConfig()
+    """Reads each view's texels."""
+    ffc: FfcConfig = FfcConfig()
+    """Completes the fused atlas."""
+    resolution: int | None = None
+    """Texels a side that the networks run at; None is the atlas's own. Finer than this the corrections are smooth."""
+    residual: bool = False
+    """Predict corrections of the blended views, not colours."""
+
+    @property
+    def multiple(self) -> int:
+        """The networks' resolution is a multiple of this."""
+        return max(self.unet.multiple, 2**self.ffc.downs)
+
+
+PAPER = InstantAlbedoConfig()
+
+SMALL = InstantAlbedoConfig(
+    encoder=MaterialEncoderConfig(
+        vit=VitConfig(patch=8, dim=64, depth=4, heads=4, grid=20),
+        taps=(0, 1, 2, 3),
+        image_size=160,
+        channels=16,
+        out_channels=8,
+    ),
+    unet=UnetConfig(widths=(16, 32, 48), out_channels=16, stem_stride=2),
+    ffc=FfcConfig(width=12, downs=3, blocks=2),
+    resolution=256,
+    residual=True,
+)
+
+
+class InstantAlbedo(nn.Module):
+    """Two colours per texel, with and without the lighting of the views."""
+
+    def __init__(self, config: InstantAlbedoConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.encoder = MaterialEncoder(config.encoder)
+        self.unet = Unet(_VIEW_CHANNELS + config.encoder.out_channels, config.unet)
+        # Fused features, any-seen mask, position, normal; a correction must also see what it corrects, and where.
+        fused = config.unet.out_channels + 7 + (4 if config.residual else 0)
+        self.ffc = FfcGenerator(fused, 6, config.ffc)
+        if config.residual:
+            nn.init.zeros_(self.ffc.last.weight)
+            nn.init.zeros_(self.ffc.last.bias)
+
+    def forward(self, images: Tensor, texels: TexelMap, seen: TexelViews, base: Tensor) -> tuple[Tensor, Tensor]:
+        """Colours of the atlas.
+
+        Args:
+            images: (V, 4, H, W) linear, straight alpha: the views that `seen` was made from.
+            texels: T texels a side.
+            seen: of the V views.
+            base: (3, T, T) linear: the blend of the views, filled where no view sees a covered texel.
+        Returns:
+            albedo, baked: (3, T, T) linear in [0, 1]; meaningless where no chart lies.
+        Raises:
+            ValueError: shapes disagree, or the resolution does not suit the networks.
+        """
+        side = texels.mask.shape[-1]
+        resolution = min(side, self.config.resolution or side)
+        if resolution % self.config.multiple:
+            raise ValueError(f"resolution {resolution} is no multiple of {self.config.multiple}")
+        if base.shape != (3, side, side) or len(images) != len(seen.visibility):
+            raise ValueError(f"{len(images)} images, {len(seen.visibility)} views, base {tuple(base.shape)}, T {side}")
+        surface = _surface(texels, resolution)
+        fused, known = self._fuse_views(images, seen, surface)
+        inputs = [fused, known, surface[1:]]
+        if self.config.residual:
+            known_base = torch.where(texels.mask, base, base.new_zeros(()))
+            inputs += [surface[:1], srgb_from_linear(_mean(known_base, surface[:1]))]
+        predicted = self.ffc(torch.cat(inputs)[None])[0]  # (6, n, n)
+        if self.config.residual:
+            gain = _enlarge(_LOG_GAIN * torch.tanh(predicted / _LOG_GAIN), surface[:1], side)
+            baked = _scaled(base, gain[:3])
+            return _scaled(baked, gain[3:]), baked
+        colors = linear_from_srgb(torch.sigmoid(predicted))
+        if resolution != side:
+            colors = _enlarge(colors, surface[:1], side)
+        return colors[3:], colors[:3]
+
+    def _fuse_views(self, images: Tensor, seen: TexelViews, surface: Tensor) -> tuple[Tensor, Tensor]:
+        """(C, n, n) features, the maximum over the views that see a texel, 0 where none does; (1, n, n) any-seen."""
+        resolution = surface.shape[-1]
+        materials = self.encoder(composite(srgb_from_linear(images[:, :3]), images[:, 3:], 1.0))
+        lowest = torch.finfo(materials.dtype).min
+        fused, known = None, surface.new_zeros(1, resolution, resolution)
+        # One view after the other: all of them at once would multiply the memory by V.
+        for view in range(len(images)):
+            size = (images.shape[-1], images.shape[-2])
+            inputs = self._view_inputs(seen, view, surface, materials[view], size)
+            visible = inputs[3:4]
+            features = self.unet(inputs[None])[0]
+            features = _resize(features, resolution).masked_fill(visible == 0, lowest)
+            fused = features if fused is None else torch.maximum(fused, features)
+            known = torch.maximum(known, visible)
+        return fused.masked_fill(known == 0, 0.0), known
+
+    def _view_inputs(
+        self, seen: TexelViews, view: int, surface: Tensor, material: Tensor, size: tuple[int, int]
+    ) -> Tensor:
+        """(15 + C, n, n): image, mask, position, texture coordinates, view direction, normal, material."""
+        mask = seen.visibility[view]
+        visible = _cells(mask[None].float(), surface.shape[-1])
+        # Averaged in linear light, as a camera with larger pixels would.
+        image = srgb_from_linear(_mean(seen.color[view], visible))
+        direction = _mean(seen.direction[view], visible)
+        # `where`, not a product: where a view does not see a texel its pixel may be anything, infinite too.
+        pixels = seen.pixels[view].permute(2, 0, 1)
+        pixels = _mean(torch.where(mask, pixels, pixels.new_zeros(())), visible)  # (2, n, n)
+        extent = pixels.new_tensor(size)[:, None, None]
+        grid = (2.0 * pixels / extent - 1.0).permute(1, 2, 0)
+        sampled = functional.grid_sample(material[None], grid[None], padding_mode="border", align_corners=False)[0]
+        sampled = sampled * (visible > 0)
+        uv = _texture_coordinates(surface) * (surface[:1] > 0)
+        return torch.cat([image, visible, surface[1:4], uv, direction, surface[4:], sampled])
+
+
+def _surface(texels: TexelMap, resolution: int) -> Tensor:
+    """(7, n, n): share of each cell that a chart covers, mean position, mean normal."""
+    share = _cells(texels.mask[None].float(), resolution)
+    return torch.cat([share, _mean(texels.position, share), _mean(texels.normal, share)])
+
+
+def _texture_coordinates(like: Tensor) -> Tensor:
+    """(2, n, n): u and v of the cells' centres; row 0 is v = 1."""
+    side = like.shape[-1]
+    centers = (torch.arange(side, device=like.device, dtype=like.dtype) + 0.5) / side
+    return torch.stack(torch.meshgrid(centers, centers.flip(0), indexing="xy"))
+
+
+def _cells(x: Tensor, resolution: int) -> Tensor:
+    """(C, n, n) means of `x` (C, T, T) over the cells of a coarser atlas."""
+    side = x.shape[-1]
+    if side == resolution:
+        return x
+    if side % resolution == 0:
+        return functional.avg_pool2d(x, side // resolution)
+    return functional.adaptive_avg_pool2d(x, resolution)
+
+
+def _mean(x: Tensor, share: Tensor) -> Tensor:
+    """(C, n, n) means of `x` (C, T, T), which is 0 outside a mask, over that mask alone.
+
+    `share` (1, n, n) is the part of each cell inside it; 0 where that is 0.
+    """
+    return _cells(x, share.shape[-1]) / share.clamp(min=1e-6)
+
+
+def _resize(x: Tensor, side: int) -> Tensor:
+    """Bilinear resampling of (C, n, n) to `side`."""
+    if x.shape[-1] == side:
+        return x
+    return functional.interpolate(x[None], (side, side), mode="bilinear")[0]
+
+
+def _enlarge(x: Tensor, share: Tensor, side: int) -> Tensor:
+    """(C, T, T) from (C, n, n), weighted by the share (1, n, n) of each cell that is covered.
+
+    What the network says of the gaps never reaches a chart.
+    """
+    if x.shape[-1] == side:
+        return x
+    return _resize(x * share, side) / _resize(share, side).clamp(min=1e-6)
+
+
+def _scaled(color: Tensor, log_gain: Tensor) -> Tensor:
+    """`color` made exp(log_gain) times as bright, exactly itself where that is 0; in [0, 1]."""
+    return (color + (color + _DARK) * torch.expm1(log_gain)).clamp(0.0, 1.0)
