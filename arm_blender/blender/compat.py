@@ -1,0 +1,69 @@
+"""What differs between Blender 4.2 and 5.2, and between builds, in one place."""
+
+import logging
+
+import bpy
+
+logger = logging.getLogger(__name__)
+
+# Blender 4.2 to 4.5 call the new Eevee by another name.
+EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
+
+# Both leave base colours as they are below the highlights; AgX, the default, changes them.
+NEUTRAL_VIEW_TRANSFORMS = ("Khronos PBR Neutral", "Standard")
+
+
+def shader_tree(owner: bpy.types.Material | bpy.types.World) -> bpy.types.ShaderNodeTree:
+    """The node tree of a material or world, made where there is none."""
+    if owner.node_tree is None:  # From 5.0 on the tree is always there, and setting `use_nodes` warns.
+        owner.use_nodes = True
+    return owner.node_tree
+
+
+def use_cycles(scene: bpy.types.Scene, samples: int, denoise: bool = True) -> None:
+    """Render `scene` by Cycles on the CPU, denoised where this build can.
+
+    Args:
+        samples: paths a pixel.
+        denoise: ask for OpenImageDenoise; some distributions build without it.
+    """
+    scene.render.engine = "CYCLES"
+    cycles = scene.cycles
+    cycles.device = "CPU"
+    cycles.samples = samples
+    cycles.use_adaptive_sampling = False
+    cycles.use_denoising = False
+    if denoise:
+        try:
+            cycles.denoiser = "OPENIMAGEDENOISE"
+        except TypeError:
+            logger.info("this build of Blender has no OpenImageDenoise; rendering without denoising")
+        else:
+            cycles.use_denoising = True
+
+
+def use_eevee(scene: bpy.types.Scene, samples: int) -> None:
+    """Render `scene` by Eevee with `samples` a pixel; it needs a graphics device, real or software."""
+    scene.render.engine = EEVEE
+    scene.eevee.taa_render_samples = samples
+
+
+def use_neutral_view(scene: bpy.types.Scene) -> None:
+    """Show colours without a film look, so that a base colour can be judged in the render."""
+    for transform in NEUTRAL_VIEW_TRANSFORMS:
+        try:
+            scene.view_settings.view_transform = transform
+        except TypeError:  # A user's own colour configuration may lack it.
+            continue
+        break
+    scene.render.dither_intensity = 0.0
+
+
+def use_png(scene: bpy.types.Scene) -> None:
+    """Write stills of `scene` as 8-bit RGBA PNG."""
+    image = scene.render.image_settings
+    if hasattr(image, "media_type"):  # Since 5.0 the kind of media limits the formats.
+        image.media_type = "IMAGE"
+    image.file_format = "PNG"
+    image.color_mode = "RGBA"
+    image.color_depth = "8"

@@ -1,0 +1,95 @@
+"""Material maps as images and as one material around a Principled BSDF."""
+
+from typing import Literal
+
+import bpy
+import numpy as np
+from torch import Tensor
+
+from ..graphics.color import srgb_from_linear
+from ..structures import MaterialMaps
+from ..uv.maps import constant_value
+from .compat import shader_tree
+
+ColorSpace = Literal["sRGB", "Non-Color"]
+
+CONSTANT_TOLERANCE = 0.5 / 255.0
+"""Half a range: a map that varies by no more than one step of its 8-bit file is a value, not a texture."""
+
+_COLUMN = -640.0
+_ROW = 320.0
+
+
+def image_from_map(name: str, texels: Tensor, color_space: ColorSpace) -> bpy.types.Image:
+    """An 8-bit image, packed into the .blend.
+
+    Args:
+        name: of the image; Blender numbers it where it is taken.
+        texels: (3, T, T) or (1, T, T) in [0, 1], row 0 is v = 1; colours are linear Rec.709.
+        color_space: "sRGB" encodes the linear colours; "Non-Color" stores the numbers as they are.
+    """
+    channels, height, width = texels.shape
+    if channels not in (1, 3):
+        raise ValueError(f"texels must be (3, T, T) or (1, T, T), got {tuple(texels.shape)}")
+    texels = texels.detach().float().cpu().clamp(0.0, 1.0)
+    if color_space == "sRGB":
+        texels = srgb_from_linear(texels)
+    pixels = np.ones((height, width, 4), dtype=np.float32)
+    pixels[..., :3] = texels.flip(1).permute(1, 2, 0).numpy()  # Blender's pixels start at the bottom row.
+    image = bpy.data.images.new(name, width, height, alpha=False, float_buffer=False)
+    image.colorspace_settings.name = color_space
+    image.pixels.foreach_set(pixels.ravel())
+    image.update()
+    image.pack()
+    return image
+
+
+def build_material(name: str, maps: MaterialMaps) -> bpy.types.Material:
+    """One material that shows `maps` under any light.
+
+    Base Color comes from the albedo, Roughness and Metallic from their map or, where that is constant, from a plain
+    value. The baked colour stays at hand as a node that is connected to nothing.
+    """
+    material = bpy.data.materials.new(name)
+    tree = shader_tree(material)
+    tree.nodes.clear()
+    output = tree.nodes.new("ShaderNodeOutputMaterial")
+    output.location = (320.0, 0.0)
+    surface = tree.nodes.new("ShaderNodeBsdfPrincipled")
+    surface.location = (0.0, 0.0)
+    tree.links.new(surface.outputs["BSDF"], output.inputs["Surface"])
+
+    albedo = _add_texture(tree, image_from_map(f"{name} albedo", maps.albedo, "sRGB"), "Albedo", row=0)
+    tree.links.new(albedo.outputs["Color"], surface.inputs["Base Color"])
+    textures = [albedo]
+    for row, (socket, texels) in enumerate((("Roughness", maps.roughness), ("Metallic", maps.metallic)), start=1):
+        value = constant_value(texels, None, CONSTANT_TOLERANCE)
+        if value is not None:
+            surface.inputs[socket].default_value = value
+            continue
+        image = image_from_map(f"{name} {socket.lower()}", texels, "Non-Color")
+        texture = _add_texture(tree, image, socket, row)
+        tree.links.new(texture.outputs["Color"], surface.inputs[socket])
+        textures.append(texture)
+    baked = image_from_map(f"{name} baked", maps.baked, "sRGB")
+    _add_texture(tree, baked, "Baked color: lighting of the views included", row=3)
+    _frame(tree, textures, "Relightable maps")
+    tree.nodes.active = albedo  # The active image is what texture paint and solid view's texture mode show.
+    return material
+
+
+def _add_texture(tree: bpy.types.ShaderNodeTree, image: bpy.types.Image, label: str, row: int) -> bpy.types.Node:
+    node = tree.nodes.new("ShaderNodeTexImage")
+    node.image = image
+    node.label = label
+    node.name = label
+    node.width = 280.0
+    node.location = (_COLUMN, _ROW * (1 - row))
+    return node
+
+
+def _frame(tree: bpy.types.ShaderNodeTree, nodes: list[bpy.types.Node], label: str) -> None:
+    frame = tree.nodes.new("NodeFrame")
+    frame.label = label
+    for node in nodes:
+        node.parent = frame
