@@ -1,1 +1,33 @@
+"""Everything that touches Blender's data or window.
 
+`scene`, `material_nodes`, `export`, `studio` and `relight` turn assets into objects, files and pictures, whether or not
+the extension is registered. The other modules are the extension: properties, panel, operators, preferences, command.
+Blender may be called from its main thread only; `job` and `generation`, which know nothing of bpy, run elsewhere.
+"""
+
+
+def register() -> None:
+    """Add the extension to Blender."""
+    import atexit
+
+    import bpy
+
+    for module in _modules():
+        module.register()
+    if bpy.app.module:  # As a Python module, 4.2 and 4.5 crash or hang at exit while classes are registered.
+        atexit.register(unregister)
+
+
+def unregister() -> None:
+    """Take the extension out of Blender."""
+    import atexit
+
+    atexit.unregister(unregister)
+    for module in reversed(_modules()):
+        module.unregister()
+
+
+def _modules() -> tuple:
+    from . import cli, operators, panels, preferences, properties
+
+    return (properties, preferences, operators, panels, cli)

@@ -1,0 +1,25 @@
+"""`blender --command arm ...`: the words of `python -m arm_blender`, inside Blender."""
+
+import bpy
+
+COMMAND = "arm"
+
+_handle: object | None = None
+
+
+def run(argv: list[str]) -> int:
+    """Answer the command; the result is the exit status of Blender."""
+    from ..__main__ import main
+
+    return main(argv)
+
+
+def register() -> None:
+    global _handle
+    _handle = bpy.utils.register_cli_command(COMMAND, run)
+
+
+def unregister() -> None:
+    global _handle
+    bpy.utils.unregister_cli_command(_handle)
+    _handle = None
