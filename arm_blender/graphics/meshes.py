@@ -1,0 +1,68 @@
+"""Areas, normals and random points of triangle meshes, in plain torch."""
+
+import torch
+from torch import Tensor
+
+MIN_LENGTH = 1e-20  # Below it a vector has no direction; float32 keeps it apart from 0.
+
+
+def face_normals(vertices: Tensor, faces: Tensor) -> Tensor:
+    """(F, 3) unit normals, outward where the winding is counter-clockwise; 0 for a face without area.
+
+    Args:
+        vertices: (N, 3) world.
+        faces: (F, 3) int64.
+    """
+    return _unit(_area_vectors(vertices, faces))
+
+
+def face_areas(vertices: Tensor, faces: Tensor) -> Tensor:
+    """(F,) areas, square world units."""
+    return 0.5 * _area_vectors(vertices, faces).norm(dim=1)
+
+
+def vertex_normals(vertices: Tensor, faces: Tensor) -> Tensor:
+    """(N, 3) unit normals: the area-weighted mean of the faces around; 0 for a vertex of no face."""
+    vectors = _area_vectors(vertices, faces)
+    normals = torch.zeros_like(vertices)
+    for corner in range(3):
+        normals = normals.index_add(0, faces[:, corner], vectors)
+    return _unit(normals)
+
+
+def sample_surface(
+    vertices: Tensor, faces: Tensor, count: int, generator: torch.Generator
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Points spread evenly over the surface.
+
+    Args:
+        vertices: (N, 3) world.
+        faces: (F, 3) int64; at least one has an area.
+        count: of points.
+        generator: on the CPU; the same seed gives the same points on every device.
+    Returns:
+        (count, 3) points, (count,) int64 face of each, (count, 3) barycentric coordinates on it.
+    Raises:
+        ValueError: the mesh has no area.
+    """
+    # In float64 the running sum of a million small faces still resolves each of them.
+    cumulative = face_areas(vertices, faces).double().cpu().cumsum(dim=0)
+    if len(cumulative) == 0 or not float(cumulative[-1]) > 0.0:
+        raise ValueError("a mesh without area has no surface to sample")
+    draws = torch.rand(count, dtype=torch.float64, generator=generator) * cumulative[-1]
+    face = torch.searchsorted(cumulative, draws, right=True).clamp(max=len(cumulative) - 1).to(faces.device)
+    a, b = torch.rand(2, count, generator=generator)
+    # The square root makes the density even; without it points crowd at the first corner.
+    root = a.sqrt()
+    barycentric = torch.stack([1.0 - root, root * (1.0 - b), root * b], dim=1).to(vertices)
+    return (barycentric[..., None] * vertices[faces[face]]).sum(dim=1), face, barycentric
+
+
+def _area_vectors(vertices: Tensor, faces: Tensor) -> Tensor:
+    """(F, 3) normals whose length is twice the area."""
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    return torch.linalg.cross(b - a, c - a, dim=1)
+
+
+def _unit(vectors: Tensor) -> Tensor:
+    return vectors / vectors.norm(dim=1, keepdim=True).clamp(min=MIN_LENGTH)

@@ -1,0 +1,185 @@
+"""Back-projection (ARM, section 5.2): what each view says of each texel, and the blend of it."""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..graphics.cameras import Camera, project, view_directions
+from ..graphics.color import srgb_from_linear
+from ..graphics.meshes import face_areas, face_normals
+from ..structures import TexelMap, TexelViews, UvMesh, ViewSet
+from .view_sampling import footprint, sample_view
+from .visibility import depth_buffer, opaque_pixels, unoccluded
+
+SMALLEST_TEXTURE = 256  # Texels a side.
+BLEND_CHUNK = 1 << 17  # Texels blended at once; bounds the work space.
+
+
+@dataclass(frozen=True)
+class BackprojectConfig:
+    """When a view may speak for a texel."""
+
+    depth_bias: float = 4e-3
+    """World units. Larger leaks texture through thin walls; smaller speckles curved surfaces."""
+    slope_bias: float = 1.5
+    """Pixels of the z-buffer over which a slanted surface may fall; too small stripes slanted surfaces."""
+    depth_resolution: int = 640
+    """Pixels of the z-buffer's longer side. Fewer blur what hides what; more cost time."""
+    min_cosine: float = 0.2
+    """Views more grazing than this are ignored: there a pixel of error slides far along the surface."""
+    min_alpha: float = 0.9
+    """Pixels less opaque than this are background; lower lets the background's colour into the texture."""
+    margin: float = 1.0 / 320.0
+    """Share of a view's height (a pixel at least) by which mesh and picture may disagree at an outline. Smaller prints
+    what is in front onto what is behind, and the reverse; larger leaves more to in-painting."""
+
+
+@dataclass(frozen=True)
+class BlendConfig:
+    """How views share a texel."""
+
+    cosine_power: float = 4.0
+    """Of n.v in a view's weight. 0 ghosts where views disagree; large values show seams between them."""
+    disagreement: float = 0.1
+    """Difference in sRGB at which, of three views and more, the weight of one falls to a quarter. Too small drops
+    detail at random; too large keeps highlights and ghosts."""
+    rounds: int = 3
+    """Of finding what the views agree on. Fewer leave a strong outlier its pull."""
+
+
+@torch.no_grad()
+def backproject(
+    mesh: UvMesh, texels: TexelMap, views: ViewSet, config: BackprojectConfig = BackprojectConfig()
+) -> TexelViews:
+    """What each view says of each texel: its colour, where it is seen unoccluded, not grazing, inside the silhouette.
+
+    Close to an outline of its own surface a view is believed only where no view sees the texel better.
+
+    Args:
+        mesh: what hides the texels.
+        texels: of its atlas.
+        views: on the device of the mesh.
+    """
+    size, count = len(texels.mask), len(views.cameras)
+    covered = texels.mask.flatten().nonzero()[:, 0]
+    points = texels.position.flatten(1)[:, covered].T
+    normals = texels.normal.flatten(1)[:, covered].T
+    color = points.new_zeros(count, 3, size * size)
+    direction = torch.zeros_like(color)
+    visibility = torch.zeros(count, size * size, dtype=torch.bool, device=points.device)
+    cosine = points.new_zeros(count, size * size)
+    pixels = points.new_zeros(count, size * size, 2)
+    sight = [
+        _sight(mesh, points, normals, image, camera, config)
+        for image, camera in zip(views.images, views.cameras, strict=True)
+    ]
+    sure_of_one = torch.stack([sure for _, sure in sight]).any(dim=0)
+    for view, (camera, (plain, sure)) in enumerate(zip(views.cameras, sight, strict=True)):
+        where = project(points, camera)[0]
+        pixels[view, covered] = where
+        chosen = torch.where(sure_of_one, sure, plain).nonzero()[:, 0]
+        step = footprint(pixels[view].view(size, size, 2), texels.mask).flatten()[covered[chosen]]
+        colors, found = sample_view(views.images[view], where[chosen], step, config.min_alpha)
+        chosen, colors = chosen[found], colors[:, found]
+        towards = view_directions(points[chosen], camera)
+        color[view].index_copy_(1, covered[chosen], colors)
+        direction[view].index_copy_(1, covered[chosen], towards.T.contiguous())
+        visibility[view, covered[chosen]] = True
+        cosine[view, covered[chosen]] = (normals[chosen] * towards).sum(dim=1).clamp(0.0, 1.0)
+    square = (count, size, size)
+    return TexelViews(
+        color.view(count, 3, size, size),
+        visibility.view(square),
+        direction.view(count, 3, size, size),
+        cosine.view(square),
+        pixels.view(*square, 2),
+    )
+
+
+@torch.no_grad()
+def blend(seen: TexelViews, weights: Tensor, config: BlendConfig = BlendConfig()) -> tuple[Tensor, Tensor]:
+    """One colour a texel: views weighted by the user, by how squarely they look, and by agreement with the others.
+
+    Args:
+        seen: V views of T x T texels.
+        weights: (V,) >= 0, the user's.
+    Returns:
+        (3, T, T) linear colour and (T, T) total weight; both 0 where no view of positive weight sees the texel.
+    Raises:
+        ValueError: not one weight a view.
+    """
+    if weights.shape != seen.visibility.shape[:1]:
+        raise ValueError(f"{len(seen.visibility)} views, weights {tuple(weights.shape)}")
+    size = seen.visibility.shape[-1]
+    color = seen.color.new_zeros(3, size * size)
+    total = seen.color.new_zeros(size * size)
+    for texel in seen.seen.flatten().nonzero()[:, 0].split(BLEND_CHUNK):
+        colors = seen.color.flatten(2)[:, :, texel]  # (V, 3, P)
+        trusted = seen.visibility.flatten(1)[:, texel] * weights.to(colors)[:, None]  # (V, P)
+        share = trusted * seen.cosine.flatten(1)[:, texel] ** config.cosine_power * _agreement(colors, trusted, config)
+        total[texel] = share.sum(dim=0)
+        color[:, texel] = (share[:, None] * colors).sum(dim=0) / total[texel].clamp(min=1e-12)
+    return color.view(3, size, size), total.view(size, size)
+
+
+def texture_size_for(mesh: UvMesh, views: ViewSet, maximum: int) -> int:
+    """Texels a side, a power of two, that the views can fill: about one texel for each pixel that shows the surface.
+
+    Args:
+        mesh: with its atlas.
+        views: posed views of it.
+        maximum: the result is no larger than this, nor smaller than 256.
+    """
+    centers = mesh.vertices[mesh.faces].mean(dim=1)
+    normals = face_normals(mesh.vertices, mesh.faces)
+    areas = face_areas(mesh.vertices, mesh.faces)
+    finest = torch.zeros_like(areas)  # (F,) pixels per world unit in the view that shows most
+    for camera in views.cameras:
+        depth = project(centers, camera)[1]
+        facing = ((normals * view_directions(centers, camera)).sum(dim=1) > 0.0) & (depth > 0.0)
+        finest = torch.where(facing, torch.maximum(finest, camera.K[0, 0] / depth.clamp(min=1e-6)), finest)
+    u, v = mesh.uvs[mesh.face_uvs].unbind(dim=2)  # (F, 3) each
+    doubled = (u[:, 1] - u[:, 0]) * (v[:, 2] - v[:, 0]) - (u[:, 2] - u[:, 0]) * (v[:, 1] - v[:, 0])
+    charted = float(doubled.abs().sum()) / 2.0
+    shown = float((finest**2 * areas).sum()) * float(areas.sum()) / max(float(areas[finest > 0].sum()), 1e-12)
+    exact = math.sqrt(max(shown, 1.0) / max(charted, 1e-6))
+    return max(SMALLEST_TEXTURE, min(1 << round(math.log2(exact)), 1 << (maximum.bit_length() - 1)))
+
+
+def _sight(
+    mesh: UvMesh, points: Tensor, normals: Tensor, image: Tensor, camera: Camera, config: BackprojectConfig
+) -> tuple[Tensor, Tensor]:
+    """Points (P, 3) that a view sees, and those that it sees away from any outline; (P,) bool each."""
+    facing = (normals * view_directions(points, camera)).sum(dim=1)
+    buffer, sized = depth_buffer(mesh, camera, config.depth_resolution)
+    margin = max(1.0, config.margin * camera.height)  # Pixels of the view.
+    free, inner = unoccluded(
+        points,
+        facing.clamp(min=config.min_cosine),
+        buffer,
+        sized,
+        math.ceil(margin * sized.height / camera.height - 1e-3),
+        config.depth_bias,
+        config.slope_bias,
+    )
+    free &= facing >= config.min_cosine
+    opaque = opaque_pixels(image[3], config.min_alpha, math.ceil(margin - 1e-3))
+    column, row = project(points, camera)[0].long().unbind(dim=1)
+    return free, free & inner & opaque[row.clamp(0, camera.height - 1), column.clamp(0, camera.width - 1)]
+
+
+def _agreement(colors: Tensor, trusted: Tensor, config: BlendConfig) -> Tensor:
+    """(V, P) in (0, 1]: how well each view agrees with the rest; 1 where fewer than three see the texel.
+
+    Iteratively reweighted mean with the Geman-McClure weight, started from the plain mean.
+    """
+    perceived = srgb_from_linear(colors)
+    agreement = torch.ones_like(trusted)
+    for _ in range(config.rounds):
+        share = trusted * agreement
+        center = (share[:, None] * perceived).sum(dim=0) / share.sum(dim=0).clamp(min=1e-12)
+        difference = (perceived - center).abs().amax(dim=1) / config.disagreement
+        agreement = (1.0 + difference**2) ** -2
+    return torch.where((trusted > 0).sum(dim=0) >= 3, agreement, 1.0)

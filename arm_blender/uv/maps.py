@@ -1,0 +1,134 @@
+"""Finishing an atlas: padding the gaps between charts, filling what no view saw, finding constant maps."""
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from ..structures import TexelMap
+
+FILL_RESOLUTION = 64  # Cells a side of the grid in which seen colours spread to unseen texels.
+ENOUGH = 1.0  # Seen texels a cell needs (weighted) before its own mean stands without its coarser neighbours.
+
+
+@torch.no_grad()
+def pad(image: Tensor, mask: Tensor) -> Tensor:
+    """Give every uncovered texel the value of the nearest covered one, so that filtering finds no gap colour.
+
+    Charts that lie further apart than a filter reaches do not bleed into each other: between them each gap texel
+    belongs to the chart nearest to it. Covered texels keep their values.
+
+    Args:
+        image: (C, T, T).
+        mask: (T, T) bool, covered texels. Where none is covered the image is returned as it is.
+    """
+    if image.ndim != 3 or image.shape[1:] != mask.shape:
+        raise ValueError(f"image (C, T, T) and mask (T, T) expected, got {tuple(image.shape)}, {tuple(mask.shape)}")
+    if not mask.any() or mask.all():
+        return image.clone()
+    return image.flatten(1)[:, _nearest_covered(mask)].view_as(image)
+
+
+@torch.no_grad()
+def diffuse_fill(color: Tensor, known: Tensor, texels: TexelMap) -> Tensor:
+    """Colour for texels that no view saw: a smooth blend of the seen ones that are near in space, across charts.
+
+    Seen colours are averaged in the cells of ever coarser grids around the object; an unseen texel reads the finest
+    grid that holds enough of them (push-pull in three dimensions).
+
+    Args:
+        color: (C, T, T).
+        known: (T, T) bool, texels whose colour stands.
+        texels: of the atlas.
+    Returns:
+        (C, T, T): known texels unchanged, the other covered ones filled, 0 where no chart lies. Without a known texel
+        the fill is mid grey, linear 0.5.
+    """
+    known = known & texels.mask
+    unknown = texels.mask & ~known
+    result = color * known
+    if not unknown.any():
+        return result
+    if not known.any():
+        result[:, unknown] = 0.5
+        return result
+    cell, origin = _grid_of(texels)
+    # Cells along (z, y, x), the order of grid_sample; a value and its weight side by side.
+    inside = ((texels.position[:, known] - origin) / cell).long().clamp(0, FILL_RESOLUTION - 1)
+    index = (inside[2] * FILL_RESOLUTION + inside[1]) * FILL_RESOLUTION + inside[0]
+    samples = torch.cat([color[:, known], torch.ones_like(color[:1, known])])
+    grid = color.new_zeros(len(samples), FILL_RESOLUTION**3).index_add_(1, index, samples)
+    filled = _push_pull(grid.view(1, -1, FILL_RESOLUTION, FILL_RESOLUTION, FILL_RESOLUTION))
+    where = (texels.position[:, unknown] - origin) / (cell * FILL_RESOLUTION) * 2.0 - 1.0
+    read = functional.grid_sample(
+        filled, where.T[None, None, None], mode="bilinear", padding_mode="border", align_corners=False
+    )
+    result[:, unknown] = read[0, :, 0, 0]
+    return result
+
+
+def constant_value(image: Tensor, mask: Tensor | None, tolerance: float) -> float | None:
+    """The one value of a map, or None where covered texels differ by more than `tolerance` from it.
+
+    Args:
+        image: (1, T, T).
+        mask: (T, T) bool, the texels that count; None for all.
+        tolerance: half the range that still counts as one value.
+    """
+    values = image[0] if mask is None else image[0][mask]
+    if values.numel() == 0 or not torch.isfinite(values).all():
+        return None
+    low, high = values.aminmax()
+    return float(low + high) / 2.0 if float(high - low) <= 2.0 * tolerance else None
+
+
+def _nearest_covered(mask: Tensor) -> Tensor:
+    """(T * T,) flat index of the covered texel nearest to each texel, by jump flooding."""
+    height, width = mask.shape
+    rows = torch.arange(height, device=mask.device, dtype=torch.float32)[:, None].expand(height, width)
+    columns = torch.arange(width, device=mask.device, dtype=torch.float32)[None].expand(height, width)
+    # A texel that no seed has reached yet points so far away that any seed is nearer.
+    far = torch.full_like(rows, 16.0 * max(height, width))
+    seed_row, seed_column = torch.where(mask, rows, far), torch.where(mask, columns, far)
+    step = 1 << (max(height, width) - 1).bit_length()
+    # The last two steps run twice: jump flooding alone leaves a few texels with the second nearest.
+    for jump in [step >> shift for shift in range(1, step.bit_length())] + [2, 1]:
+        old_row, old_column = seed_row.clone(), seed_column.clone()
+        distance = (old_row - rows) ** 2 + (old_column - columns) ** 2
+        for dy, dx in ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)):
+            here_y, there_y = _overlap(dy * jump, height)
+            here_x, there_x = _overlap(dx * jump, width)
+            here, there = (here_y, here_x), (there_y, there_x)
+            candidate = (old_row[there] - rows[here]) ** 2 + (old_column[there] - columns[here]) ** 2
+            closer = candidate < distance[here]
+            distance[here] = torch.where(closer, candidate, distance[here])
+            seed_row[here] = torch.where(closer, old_row[there], seed_row[here])
+            seed_column[here] = torch.where(closer, old_column[there], seed_column[here])
+    return (seed_row.long() * width + seed_column.long()).flatten()
+
+
+def _overlap(shift: int, size: int) -> tuple[slice, slice]:
+    """The indices whose neighbour at `shift` lies inside, and those neighbours."""
+    low, high = max(0, -shift), max(0, min(size, size - shift))
+    return slice(low, max(low, high)), slice(low + shift, max(low, high) + shift)
+
+
+def _grid_of(texels: TexelMap) -> tuple[Tensor, Tensor]:
+    """Edge of a cell (scalar) and the corner (3, 1) of a cube of cells around the covered texels."""
+    points = texels.position[:, texels.mask]
+    low, high = points.amin(dim=1), points.amax(dim=1)
+    edge = (high - low).amax().clamp(min=1e-6)
+    return edge / FILL_RESOLUTION, ((low + high - edge) / 2.0)[:, None]
+
+
+def _push_pull(grid: Tensor) -> Tensor:
+    """Means for every cell: (1, C, G, G, G) from sums and, as last channel, weights (1, C + 1, G, G, G)."""
+    levels = [grid]
+    while levels[-1].shape[-1] > 1:
+        levels.append(functional.avg_pool3d(levels[-1], 2) * 8.0)
+    mean = levels[-1][:, :-1] / levels[-1][:, -1:]
+    for level in reversed(levels[:-1]):
+        coarse = functional.interpolate(mean, scale_factor=2, mode="trilinear", align_corners=False)
+        weight = level[:, -1:]
+        trust = (weight / ENOUGH).clamp(max=1.0)
+        mean = trust * level[:, :-1] / weight.clamp(min=1e-6) + (1.0 - trust) * coarse
+    return mean

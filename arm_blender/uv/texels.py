@@ -1,0 +1,26 @@
+"""Where on the surface each texel of an atlas lies."""
+
+import torch
+
+from ..graphics.meshes import face_normals, vertex_normals
+from ..graphics.rasterize import interpolate, rasterize_uv
+from ..structures import TexelMap, UvMesh
+
+
+@torch.no_grad()
+def texel_map(mesh: UvMesh, size: int) -> TexelMap:
+    """The surface point and the smooth normal of every texel of an atlas of `size` texels a side.
+
+    Raises:
+        ValueError: `size` is not positive.
+    """
+    if size < 1:
+        raise ValueError(f"an atlas needs at least one texel a side, got {size}")
+    fragments = rasterize_uv(mesh.uvs, mesh.face_uvs, size)
+    position = interpolate(mesh.vertices, mesh.faces, fragments)
+    smooth = interpolate(vertex_normals(mesh.vertices, mesh.faces), mesh.faces, fragments)
+    length = smooth.norm(dim=0)
+    # Where opposite normals cancel (a fin without thickness), the face's own is the only one that means anything.
+    flat = face_normals(mesh.vertices, mesh.faces)[fragments.face_id.clamp(min=0)].permute(2, 0, 1) * fragments.mask
+    normal = torch.where(length > 1e-3, smooth / length.clamp(min=1e-3), flat)
+    return TexelMap(position, normal, fragments.mask)
