@@ -12,7 +12,13 @@ ROOT = Path(__file__).parents[1]
 MODULES = sorted([*(ROOT / "arm_blender").rglob("*.py"), *(ROOT / "training").rglob("*.py")])
 RUNTIME = {"torch", "numpy", "xatlas", "trimesh", "fast_simplification", "safetensors", "OpenImageIO", "PIL"}
 LAYERS = [  # A module imports from its own layer and from earlier ones.
-    {"errors", "structures", "graphics"},  # structures holds cameras, and graphics fills structures.
+    {
+        "errors",
+        "version",
+        "files",
+        "structures",
+        "graphics",
+    },  # structures holds cameras, and graphics fills structures.
     {"models", "uv", "views", "checkpoints"},
     {"config", "report", "export"},
     {"pipeline"},

@@ -1,7 +1,7 @@
 """`python -m training COMMAND ...`: render data sets, fit the networks, measure them.
 
 A command's module is imported only when the command is asked for, so that `--help` is fast and rendering, which
-needs `bpy`, stays apart from fitting, which does not. Each module offers `add_arguments(parser)` and `run(args) -> int`.
+needs `bpy`, stays apart from fitting, which does not. Each offers `add_arguments(parser)` and `run(args) -> int`.
 """
 
 import argparse
@@ -24,7 +24,7 @@ COMMANDS = {
     "credits": ("training.evaluation.credits", "list the sources of the training objects"),
 }
 STAGES = {
-    "georm": ("training.stages.georm_volume", "GeoRM, supervised with occupancy"),
+    "georm": ("training.stages.georm_occupancy", "GeoRM, warmed up on occupancy"),
     "glossyrm": ("training.stages.glossyrm", "GlossyRM: roughness and metallic at surface points"),
     "instant-albedo": ("training.stages.instant_albedo", "InstantAlbedo: albedo and lighting-baked colour"),
 }

@@ -30,11 +30,13 @@ def contact_sheet(views: ViewSet, shapes: dict[str, TriangleMesh]) -> Image.Imag
     inputs = composite(srgb_from_linear(views.images[:columns, :3]), views.images[:columns, 3:], 1.0)
     inputs = interpolate(inputs, size=(TILE, TILE), mode="bilinear", antialias=True, align_corners=False)
     rows = [[(f"view {index}", picture) for index, picture in enumerate(inputs)]]
-    rows.append([
-        (f"{caption}, {azimuth:.0f}°", normal_picture(shape, orbit_camera(azimuth, 20.0, 6.0, 26.0, TILE, TILE)))
-        for caption, shape in shapes.items()
-        for azimuth in SIDES
-    ])
+    rows.append(
+        [
+            (f"{caption}, {azimuth:.0f}°", normal_picture(shape, orbit_camera(azimuth, 20.0, 6.0, 26.0, TILE, TILE)))
+            for caption, shape in shapes.items()
+            for azimuth in SIDES
+        ]
+    )
     sheet = Image.new("RGB", (columns * TILE, len(rows) * (TILE + CAPTION)), "white")
     draw = ImageDraw.Draw(sheet)
     for row, tiles in enumerate(rows):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from arm_blender.errors import ArmError
 
-from .results import fill_block, markdown_table
+from .results import fill_block, markdown_table, paragraphs
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,7 +52,7 @@ def sources(manifest: dict) -> str:
         if makers:
             names = "; ".join(f"{name} ({count})" for name, count in makers.most_common())
             parts.append(f"In the public domain (CC0-1.0), {makers.total()} in all, with thanks: {names}.")
-    return "\n\n".join(parts)
+    return paragraphs(*parts)
 
 
 def _maker(attribution: str) -> str:

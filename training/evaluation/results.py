@@ -11,7 +11,7 @@ from arm_blender.files import whole_file
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """A Markdown table. Columns of numbers are aligned to the right; floats get three decimals."""
     cells = [[_cell(value) for value in row] for row in rows]
-    numeric = [all(row[column].lstrip("-")[:1].isdecimal() for row in cells) for column in range(len(header))]
+    numeric = [all(row[i].lstrip("-")[:1].isdecimal() or row[i] == "-" for row in cells) for i in range(len(header))]
     lines = [header, ["---:" if right else "---" for right in numeric], *cells]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
@@ -20,6 +20,11 @@ def _cell(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.3f}"
     return f"{value:,}" if isinstance(value, int) else str(value).replace("|", "\\|")
+
+
+def paragraphs(*parts: str) -> str:
+    """The parts of a Markdown document, each a paragraph, heading or table of its own."""
+    return "\n\n".join(parts)
 
 
 def command_line(argv: Sequence[str]) -> str:
