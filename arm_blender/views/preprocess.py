@@ -111,7 +111,7 @@ def seeing_views(images: list[Tensor], paths: list[Path]) -> list[int]:
     """
     seeing = [index for index, image in enumerate(images) if sees_something(image[3])]
     if not seeing:
-        raise InputImageError(f"{paths[0]}: the mask is empty in every view; supply images whose alpha shows the object")
+        raise InputImageError(f"{paths[0]}: the mask is empty in every view; supply images whose alpha shows it")
     return seeing
 
 
