@@ -9,17 +9,12 @@ from pathlib import Path
 import torch
 from torch import nn
 
-from arm_blender.models import instant_albedo, reconstruction
+from arm_blender.config import PRESETS
 from arm_blender.models.georm import GeoRM
 from arm_blender.models.glossyrm import GlossyRM
 from arm_blender.models.instant_albedo import InstantAlbedo
 
 from .results import fill_block, markdown_table
-
-PRESETS = {
-    "paper": (reconstruction.PAPER, instant_albedo.PAPER),
-    "small": (reconstruction.SMALL, instant_albedo.SMALL),
-}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,9 +45,10 @@ def presets_table() -> str:
 
 def network_parameters(preset: str) -> dict[str, int]:
     """Parameters of every network of a preset, and of the parts that they are made of."""
-    large, albedo = PRESETS[preset]
+    configs = PRESETS[preset]
     with torch.device("meta"):
-        geometry, glossy, colours = GeoRM(large), GlossyRM(large), InstantAlbedo(albedo)
+        geometry, glossy = GeoRM(configs.georm), GlossyRM(configs.glossyrm)
+        colours = InstantAlbedo(configs.instant_albedo)
     counts = {"**GeoRM**": _count(geometry)}
     counts |= {f"GeoRM, {part}": _count(module) for part, module in geometry.model.named_children()}
     counts["**GlossyRM** (the parts of GeoRM)"] = _count(glossy)
