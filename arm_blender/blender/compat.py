@@ -67,3 +67,8 @@ def use_png(scene: bpy.types.Scene) -> None:
     image.file_format = "PNG"
     image.color_mode = "RGBA"
     image.color_depth = "8"
+
+
+def reason(error: Exception) -> str:
+    """What Blender's operators and writers raised, without their prefix and in one line."""
+    return " ".join(str(error).split()).removeprefix("Error: ") or type(error).__name__

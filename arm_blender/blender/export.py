@@ -9,7 +9,7 @@ import bpy
 from ..errors import OutputError
 from ..files import whole_file
 from ..structures import RelightableAsset
-from .compat import use_cycles, use_neutral_view
+from .compat import reason, use_cycles, use_neutral_view
 from .scene import build_object
 from .studio import add_camera, bounding_sphere, light_softly, temporary_scene
 
@@ -55,5 +55,5 @@ def written_by_blender(path: Path) -> Iterator[Path]:
             path.parent.mkdir(parents=True, exist_ok=True)
             yield partial
         except (OSError, RuntimeError) as error:
-            reason = str(error).strip().splitlines()[0].removeprefix("Error: ")
-            raise OutputError(f"{path}: cannot be written ({reason}); choose another place or free some") from error
+            message = f"{path}: cannot be written ({reason(error)}); choose another place or free some"
+            raise OutputError(message) from error

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import ArmError
 from ..structures import Progress, silent
-from .compat import use_cycles, use_eevee, use_neutral_view, use_png
+from .compat import reason, use_cycles, use_eevee, use_neutral_view, use_png
 from .export import written_by_blender
 from .studio import add_camera, bounding_sphere, environment_path, light_by_environment, temporary_scene
 
@@ -163,16 +163,18 @@ def _copied(scene: bpy.types.Scene, source: bpy.types.Object) -> bpy.types.Objec
 
 def _loaded(scene: bpy.types.Scene, path: Path) -> list[bpy.types.Object]:
     """The objects of a file but its cameras and lamps, linked to `scene`."""
+    path = path.absolute()
+    kind = path.suffix.lower()
     if not path.is_file():
-        raise ArmError(f"{path}: no such asset; give a .blend or .glb file")
+        raise ArmError(f"{path}: no such asset; give a .blend, .glb or .gltf file")
     try:
-        if path.suffix == ".blend":
+        if kind == ".blend":
             with bpy.data.libraries.load(str(path), link=False) as (available, wanted):
                 wanted.objects = list(available.objects)
             loaded = [item for item in wanted.objects if item is not None]
             for item in loaded:
                 scene.collection.objects.link(item)
-        elif path.suffix in (".glb", ".gltf"):
+        elif kind in (".glb", ".gltf"):
             layer = scene.view_layers[0]
             with bpy.context.temp_override(
                 scene=scene, view_layer=layer, collection=scene.collection, layer_collection=layer.layer_collection
@@ -180,9 +182,9 @@ def _loaded(scene: bpy.types.Scene, path: Path) -> list[bpy.types.Object]:
                 bpy.ops.import_scene.gltf(filepath=str(path))
             loaded = list(scene.collection.all_objects)
         else:
-            raise ArmError(f"{path}: not a .blend, .glb or .gltf file")
+            raise ArmError(f"{path}: not an asset; give a .blend, .glb or .gltf file")
     except (OSError, RuntimeError) as error:
-        raise ArmError(f"{path}: Blender cannot read this asset ({error}); generate it again") from error
+        raise ArmError(f"{path}: Blender cannot read this asset ({reason(error)}); generate it again") from error
     for item in [item for item in loaded if item.type in ("CAMERA", "LIGHT", "LIGHT_PROBE")]:
         loaded.remove(item)
         bpy.data.objects.remove(item)

@@ -17,7 +17,7 @@ FIELD_OF_VIEW_DEG = 30.0
 IMPORTANCE_MAP_SIZE = 256
 """Pixels across. Blender's own choice is the size of the environment, which costs two seconds for every new one."""
 
-_INTERFACE = {"window_managers", "screens", "workspaces", "libraries"}
+_INTERFACE = {"window_managers", "screens", "workspaces"}
 
 
 @contextmanager
