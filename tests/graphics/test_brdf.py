@@ -1,0 +1,122 @@
+"""What a BRDF must obey, by quadrature in float64, for the standard formulas and for those that the paper prints."""
+
+import math
+
+import pytest
+import torch
+from torch import Tensor
+
+from arm_blender.graphics.brdf import distribution, evaluate, fresnel, geometry
+
+ROUGHNESS = (0.05, 0.2, 0.5, 0.8, 1.0)
+
+
+def polar_quadrature(count: int) -> tuple[Tensor, Tensor]:
+    """(count,) angles from the normal, crowded towards it, and their weights sin(theta) d(theta)."""
+    t = (torch.arange(count, dtype=torch.float64) + 0.5) / count
+    theta = t**3 * math.pi / 2
+    return theta, theta.sin() * 3 * t**2 * math.pi / 2 / count
+
+
+def furnace(roughness: float, metallic: float, n_dot_v: float, printed: bool) -> float:
+    """Light that a white surface sends to the view out of uniform light of 1: the integral of BRDF times cosine.
+
+    Taken over half-way vectors, where the lobe is smooth; dl = 4 (h.v) dh.
+    """
+    theta, weight = polar_quadrature(400)
+    phi = (torch.arange(128, dtype=torch.float64) + 0.5) / 128 * 2 * math.pi
+    theta, phi = torch.meshgrid(theta, phi, indexing="ij")
+    half = torch.stack([theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos()], dim=-1)
+    view = torch.tensor([math.sqrt(1 - n_dot_v**2), 0.0, n_dot_v], dtype=torch.float64)
+    h_dot_v = (half * view).sum(dim=-1, keepdim=True)
+    light = 2 * h_dot_v * half - view
+    normal, one = torch.tensor([0.0, 0.0, 1.0]).double(), torch.ones(1).double()
+    value = evaluate(normal, light, view, torch.ones(3).double(), one * roughness, one * metallic, printed)
+    solid_angle = weight[:, None, None] * (2 * math.pi / 128) * 4 * h_dot_v.clamp(min=0)
+    return float((value * light[..., 2:].clamp(min=0) * solid_angle).sum(dim=(0, 1))[0])
+
+
+def random_directions(count: int, seed: int) -> Tensor:
+    generator = torch.Generator().manual_seed(seed)
+    directions = torch.randn(count, 3, generator=generator, dtype=torch.float64)
+    directions[:, 2] = directions[:, 2].abs()
+    return torch.nn.functional.normalize(directions, dim=1)
+
+
+@pytest.mark.parametrize("roughness", ROUGHNESS)
+def test_the_density_of_normals_integrates_to_one(roughness: float) -> None:
+    theta, weight = polar_quadrature(100_000)
+    density = distribution(theta.cos(), torch.tensor(roughness).double())
+    assert float((density * theta.cos() * weight).sum() * 2 * math.pi) == pytest.approx(1.0, abs=1e-5)
+
+
+@pytest.mark.parametrize(("roughness", "published"), [(0.2, 1.98), (0.5, 1.74), (0.8, 1.29)])
+def test_the_printed_density_does_not_integrate_to_one(roughness: float, published: float) -> None:
+    theta, weight = polar_quadrature(100_000)
+    density = distribution(theta.cos(), torch.tensor(roughness).double(), printed=True)
+    assert float((density * theta.cos() * weight).sum() * 2 * math.pi) == pytest.approx(published, abs=5e-3)
+
+
+@pytest.mark.parametrize("metallic", (0.0, 1.0))
+@pytest.mark.parametrize("roughness", ROUGHNESS)
+def test_white_furnace_never_gains_energy(roughness: float, metallic: float) -> None:
+    for n_dot_v in (0.05, 0.2, 0.5, 0.8, 1.0):
+        assert 0.0 < furnace(roughness, metallic, n_dot_v, printed=False) <= 1.0 + 1e-4
+
+
+def test_white_furnace_of_the_printed_formulas_gains_energy() -> None:
+    assert furnace(0.5, 0.0, 0.8, printed=True) > 1.05
+    assert furnace(0.2, 1.0, 0.8, printed=True) > 1.8
+
+
+def test_smooth_metal_mirrors_everything_at_normal_incidence() -> None:
+    # Schlick-GGX hides nothing at normal incidence, and F of white metal is 1: all that is left is that D integrates.
+    assert furnace(0.05, 1.0, 1.0, printed=False) == pytest.approx(1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("printed", (False, True))
+def test_light_and_view_may_be_exchanged(printed: bool) -> None:
+    light, view = random_directions(200, 1), random_directions(200, 2)
+    normal, albedo = torch.tensor([0.0, 0.0, 1.0]).double(), torch.tensor([0.8, 0.4, 0.1]).double()
+    rough, metal = torch.linspace(0, 1, 200).double()[:, None], torch.linspace(1, 0, 200).double()[:, None]
+    there = evaluate(normal, light, view, albedo, rough, metal, printed)
+    back = evaluate(normal, view, light, albedo, rough, metal, printed)
+    torch.testing.assert_close(there, back, rtol=1e-9, atol=1e-12)
+    assert (there > 0).all()
+
+
+def test_metal_has_no_diffuse_and_takes_its_tint_from_the_albedo() -> None:
+    normal = torch.tensor([0.0, 0.0, 1.0])
+    value = evaluate(normal, normal, normal, torch.tensor([1.0, 0.5, 0.0]), torch.ones(1), torch.ones(1))
+    # At roughness 1 and normal incidence D = 1 / pi, G = 1, F = albedo: f = albedo / (4 pi).
+    torch.testing.assert_close(value, torch.tensor([1.0, 0.5, 0.0]) / (4 * math.pi))
+
+
+def test_terms_have_their_known_values() -> None:
+    assert float(fresnel(torch.tensor(1.0), torch.tensor(0.04))) == pytest.approx(0.04)
+    assert float(fresnel(torch.tensor(0.0), torch.tensor(0.04))) == pytest.approx(1.0)
+    one, half, rough = torch.tensor(1.0), torch.tensor(0.5), torch.tensor(0.5)
+    for printed, k in ((False, 1.5**2 / 8), (True, 1.25**2 / 8)):  # .281 and .195
+        assert float(geometry(one, half, rough, printed)) == pytest.approx(0.5 / (0.5 * (1 - k) + k))
+
+
+def test_nothing_is_reflected_below_the_surface() -> None:
+    normal, view = torch.tensor([0.0, 0.0, 1.0]), torch.tensor([0.6, 0.0, 0.8])
+    light = torch.tensor([[0.6, 0.0, -0.8], [-0.6, 0.0, -0.8]])  # The second is opposite to the view.
+    value = evaluate(normal, light, view, torch.ones(3), torch.full((1,), 0.3), torch.zeros(1))
+    assert torch.equal(value, torch.zeros(2, 3))
+
+
+@pytest.mark.parametrize("printed", (False, True))
+@pytest.mark.parametrize("roughness", (0.0, 1e-4, 1.0))
+def test_gradients_are_finite_at_the_extremes(roughness: float, printed: bool) -> None:
+    normal = torch.tensor([0.0, 0.0, 1.0])
+    grazing = torch.tensor([1.0, 0.0, 1e-9])
+    up, away = torch.tensor([0.0, 0.0, 1.0]), torch.tensor([-1.0, 0.0, 0.0])
+    for light, view in ((up, up), (grazing, grazing), (grazing, away), (up, grazing), (grazing, -grazing)):
+        inputs = [light.clone(), view.clone(), torch.zeros(3), torch.tensor([roughness]), torch.zeros(1)]
+        inputs = [tensor.requires_grad_() for tensor in inputs]
+        value = evaluate(normal, *inputs, printed)
+        assert torch.isfinite(value).all()
+        for gradient in torch.autograd.grad(value.sum(), inputs):
+            assert torch.isfinite(gradient).all()
