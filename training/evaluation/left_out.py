@@ -1,0 +1,68 @@
+"""`python -m training left-out`: what the pipeline skips where a scene does not need it, read from its own reports."""
+
+import argparse
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+
+from arm_blender import pipeline
+from arm_blender.config import PRESETS, Settings
+from arm_blender.structures import ViewSet
+
+from .objects import evaluation_objects
+from .results import command_line, markdown_table, paragraphs, write_text
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The words of `python -m training left-out`."""
+    parser.add_argument("--views", type=Path, required=True, help="folder written by `render --layout views`")
+    parser.add_argument("--preset", default="small", choices=PRESETS)
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--output", type=Path, default=Path("docs/left-out.md"))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Generate from every variant of the first object's views and write what each report left out."""
+    views = evaluation_objects(args.views)[0].views()
+    settings = Settings(preset=args.preset, device=args.device)
+    pipeline.generate(views, settings)  # Loads the weights, so that no variant is charged for it.
+    rows = []
+    for title, variant in variants(views):
+        asset, report = pipeline.generate(variant, settings)
+        reasons = "<br>".join(f"{left.what}: {left.why}" for left in report.left_out) or "nothing"
+        rows.append([title, reasons, f"{sum(report.seconds.values()):.1f}", asset.maps.albedo.shape[-1]])
+    text = paragraphs(
+        "# What is left out",
+        "The report of every run says which work was skipped and why. These are variants of one object's six views "
+        f"(`{views.name}`).",
+        markdown_table(["views", "left out", "seconds", "texels a side"], rows),
+        f"Made by `{command_line(sys.argv[1:])}`.",
+    )
+    write_text(args.output, text)
+    print(text)
+    return 0
+
+
+def variants(views: ViewSet) -> Iterator[tuple[str, ViewSet]]:
+    """Scenes that need less, each with its description."""
+    yield "six views", views
+    yield "the first three", _chosen(views, range(3))
+    yield "the first alone", _chosen(views, range(1))
+    grey = views.images.clone()
+    grey[:, :3] = 0.2
+    yield "six views of one flat grey", replace(views, images=grey)
+    empty = views.images.clone()
+    empty[-1] = 0.0
+    yield "six views, the last of them empty", replace(views, images=empty)
+    yield "six views, the last two of weight 0", replace(views, weights=torch.tensor([1.0] * 4 + [0.0] * 2))
+    small = torch.nn.functional.interpolate(views.images, scale_factor=0.25, mode="area")
+    cameras = tuple(camera.resized(small.shape[-1], small.shape[-2]) for camera in views.cameras)
+    yield f"six views of {small.shape[-1]}²", ViewSet(small, cameras, views.weights, views.name)
+
+
+def _chosen(views: ViewSet, indices: range) -> ViewSet:
+    chosen = list(indices)
+    return ViewSet(views.images[chosen], tuple(views.cameras[k] for k in chosen), views.weights[chosen], views.name)
