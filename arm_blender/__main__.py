@@ -1,0 +1,70 @@
+"""The command line: python -m arm_blender generate | batch | relight | weights | doctor.
+
+Exit status: 0 done, 1 an item failed, 2 bad usage, 130 interrupted. An error is one line on stderr.
+"""
+
+import argparse
+import logging
+import signal
+import sys
+import traceback
+from typing import NoReturn
+
+from .commands import UsageError, batch, doctor, generate, relight, weights
+from .errors import ArmError
+from .version import VERSION
+
+INTERRUPTED = 130
+
+_COMMANDS = (generate, batch, relight, weights, doctor)
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line, without the usage around it."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Runs one command; `argv` without the program's name, or None for the process's own. Returns the exit status."""
+    try:
+        args = parser().parse_args(argv)
+    except SystemExit as stop:  # argparse ends the process itself; inside Blender it must go on.
+        return int(stop.code or 0)
+    logging.basicConfig(level=logging.DEBUG if args.debug else logging.WARNING, format="%(name)s: %(message)s")
+    try:
+        return args.run(args)
+    except ArmError as error:
+        if args.debug:
+            traceback.print_exc()
+        print(f"arm: {error}", file=sys.stderr)
+        return 2 if isinstance(error, UsageError) else 1
+    except KeyboardInterrupt:
+        print("arm: interrupted; nothing was left half-written", file=sys.stderr)
+        return INTERRUPTED
+
+
+def parser() -> argparse.ArgumentParser:
+    """The parser of all commands; building it imports nothing heavy."""
+    top = _Parser(prog="arm", description="From pictures of an object to a textured, relightable mesh.")
+    top.add_argument("--version", action="version", version=VERSION)
+    commands = top.add_subparsers(metavar="COMMAND", required=True)
+    for module in _COMMANDS:
+        name = module.__name__.rpartition(".")[2]
+        summary = module.__doc__.partition("\n")[0]
+        command = commands.add_parser(name, help=summary, description=summary)
+        command.add_argument("--debug", action="store_true", help="show tracebacks and what is going on")
+        module.add_arguments(command)
+        command.set_defaults(run=module.run)
+    return top
+
+
+def _terminated(number: int, frame: object) -> NoReturn:
+    raise KeyboardInterrupt
+
+
+if __name__ == "__main__":
+    # A polite kill is an interruption too: unfinished files go away.
+    signal.signal(signal.SIGTERM, _terminated)
+    sys.exit(main())

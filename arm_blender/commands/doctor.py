@@ -1,0 +1,78 @@
+"""Show the versions of what the program runs on, and say what is missing and how to get it."""
+
+import argparse
+import importlib
+import importlib.metadata
+import os
+import platform
+
+from ..version import VERSION
+
+_REQUIRED = {
+    "torch": "torch",
+    "numpy": "numpy",
+    "OpenImageIO": "OpenImageIO",
+    "xatlas": "xatlas",
+    "trimesh": "trimesh",
+    "fast-simplification": "fast_simplification",
+    "safetensors": "safetensors",
+    "pillow": "PIL",
+}
+_OPTIONAL = {"bpy": "bpy"}
+"""Without it there is no .blend and no relighting outside Blender."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """`doctor` takes no words of its own."""
+
+
+def run(args: argparse.Namespace) -> int:
+    print(f"{'arm_blender':<20} {VERSION}")
+    print(f"{'python':<20} {platform.python_version()} on {platform.platform()}, {os.cpu_count()} CPU cores")
+    missing = 0
+    for package, module in (_REQUIRED | _OPTIONAL).items():
+        needed = package in _REQUIRED
+        state = _state(package, module)
+        missing += needed and state is None
+        lack = f"missing; pip install {package}" + ("" if needed else "  (only for .blend files and relighting)")
+        print(f"{package:<20} {state or lack}")
+    if not missing:
+        missing += _print_torch_and_weights()
+    return 1 if missing else 0
+
+
+def _state(package: str, module: str) -> str | None:
+    """The version of a package, with the reason where it does not start; None where it is not installed."""
+    try:
+        importlib.import_module(module)
+    except ImportError as error:
+        try:
+            version = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            return None
+        # A system library is not there: the message names it.
+        return f"{version}, but it does not start: {error}; install that system library"
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "built in"
+
+
+def _print_torch_and_weights() -> int:
+    """Devices and weights; the number of weights that `small` lacks."""
+    import torch
+
+    from .. import checkpoints
+
+    devices = ["cpu"]
+    if torch.cuda.is_available():
+        devices.append(f"cuda ({torch.cuda.get_device_name()})")
+    if torch.backends.mps.is_available():
+        devices.append("mps")
+    print(f"{'devices':<20} {', '.join(devices)}; {torch.get_num_threads()} threads")
+    missing = 0
+    for weights in checkpoints.REGISTRY:
+        installed = checkpoints.shipped(weights.name).is_file()
+        missing += not installed and weights.name.startswith("small.")
+        print(f"{weights.name:<20} {'installed' if installed else f'missing; {weights.remedy}'}")
+    return missing

@@ -1,0 +1,186 @@
+"""Make one relightable asset from views of an object.
+
+Its words are those of `batch` as well, which makes many.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import ArmError
+from ..files import check_output
+from . import UsageError
+
+if TYPE_CHECKING:
+    from ..config import Settings
+    from ..report import Report
+    from ..structures import Progress, RelightableAsset
+    from ..views import ViewOptions
+
+NO_BPY = "bpy is not installed here; `pip install bpy`, or use `blender --command arm`"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("views", type=Path, metavar="VIEWS", help="an image, or a folder of views")
+    parser.add_argument("--json", action="store_true", help="print the report as JSON on stdout")
+    add_options(parser)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Everything but the views: what `generate` and `batch` share."""
+    parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="the folder of the result")
+    networks = parser.add_argument_group("quality and time")
+    networks.add_argument("--preset", default="small", help="networks: small or paper (default: small)")
+    networks.add_argument("--quality", default="balanced", help="draft, balanced or final (default: balanced)")
+    networks.add_argument("--texture-size", type=int, metavar="N", help="largest texels a side, a power of two")
+    networks.add_argument("--faces", type=int, metavar="N", help="face budget")
+    networks.add_argument("--grid", type=int, metavar="N", help="samples of the density along a side of the box")
+    networks.add_argument("--dense", action="store_true", help="sample the density everywhere")
+    networks.add_argument("--device", default="cpu", help="cpu, cuda or mps (default: cpu)")
+    networks.add_argument("--threads", type=int, metavar="N", help="of the CPU")
+    networks.add_argument("--time-limit", type=float, metavar="S", help="seconds that unwrapping may take")
+    networks.add_argument("--seed", type=int, default=0, metavar="N")
+    views = parser.add_argument_group("views")
+    views.add_argument("--rig", default="zero123plus-v1.2", help="of six images without cameras")
+    views.add_argument("--rig-distance", type=float, default=4.0, metavar="D", help="of that rig (default: 4)")
+    views.add_argument("--elevation", type=float, metavar="DEG", help="of a single image's camera (default: 10)")
+    views.add_argument("--fovy", type=float, metavar="DEG", help="of a single image or the rig (default: 30)")
+    views.add_argument("--view-weights", type=view_weights, metavar="W,W,...", help="how much each view counts")
+    views.add_argument("--multiview", default="none", help="what makes further views of a single image (default: none)")
+    result = parser.add_argument_group("result")
+    result.add_argument("--mesh", type=Path, metavar="FILE", help="your mesh: only its texture is made")
+    result.add_argument("--place", choices=("cameras", "ground"), default="cameras", help="where the object stands")
+    result.add_argument("--preview", action="store_true", help="also render preview.png, by Cycles")
+    result.add_argument("--progress", choices=("auto", "always", "never"), default="auto", help="auto: on a terminal")
+
+
+def view_weights(text: str) -> tuple[float, ...]:
+    """The value of --view-weights."""
+    try:
+        weights = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        weights = ()
+    if not weights or not all(math.isfinite(weight) and weight >= 0.0 for weight in weights):
+        raise argparse.ArgumentTypeError(f"{text!r}: give numbers of 0 or more, separated by commas")
+    return weights
+
+
+def run(args: argparse.Namespace) -> int:
+    check_output(args.output)
+    from .progress_line import shown, summary
+
+    with shown(args.progress) as progress:
+        report, files = produce(args, progress)
+    if args.json:
+        json.dump(report.as_dict(), sys.stdout, indent=2)
+        print()
+    else:
+        print(summary(report), *files, sep="\n")
+    return 0
+
+
+def produce(args: argparse.Namespace, progress: Progress, name: str | None = None) -> tuple[Report, list[Path]]:
+    """Makes the asset of `args.views` in `args.output`.
+
+    Args:
+        args: as `add_arguments` makes them.
+        progress: of the whole run.
+        name: of the asset; None takes that of the views.
+    Returns:
+        the report, and the files, report.json last.
+    Raises:
+        ArmError: as the stages.
+    """
+    check_output(args.output)
+    from ..report import Report
+    from .progress_line import part
+
+    report = Report(args.preset, args.device, args.seed)
+    progress(0.0, "starting")
+    with report.stage("start"):  # Importing torch is most of it; the next item of a batch finds it done.
+        from .. import pipeline
+        from ..export import write_asset
+        from ..views import load_views
+    settings, options = settings_of(args), view_options_of(args)
+    with report.stage("views"):
+        views = load_views(args.views, options, part(progress, 0.0, 0.05), report.leave_out)
+    if name is not None:
+        views = replace(views, name=name)
+    asset, report = pipeline.generate(views, settings, part(progress, 0.05, 0.85), report)
+    if args.place == "ground":
+        asset = on_the_ground(asset)
+
+    def add_blender_files(stage: Path) -> None:
+        _write_blender_files(asset, stage, settings, args.preview, report, part(progress, 0.9, 0.99))
+
+    files = write_asset(asset, report, args.output, part(progress, 0.85, 0.9), add_blender_files)
+    return report, files
+
+
+def settings_of(args: argparse.Namespace) -> Settings:
+    """The pipeline's settings.
+
+    Raises:
+        UsageError: a value is out of range.
+    """
+    from ..config import Settings
+
+    names = ("preset", "quality", "texture_size", "faces", "grid", "dense", "seed", "device", "threads", "mesh")
+    values = {name: getattr(args, name) for name in names}
+    if args.time_limit is not None:
+        values["time_limit"] = args.time_limit
+    try:
+        return Settings(**values)
+    except ArmError as error:
+        raise UsageError(str(error)) from error
+
+
+def view_options_of(args: argparse.Namespace) -> ViewOptions:
+    """How the views are to be taken.
+
+    Raises:
+        UsageError: a value is out of range.
+    """
+    from ..views import ViewOptions
+
+    try:
+        return ViewOptions(args.rig, args.rig_distance, args.elevation, args.fovy, args.view_weights, args.multiview)
+    except ArmError as error:
+        raise UsageError(str(error)) from error
+
+
+def on_the_ground(asset: RelightableAsset) -> RelightableAsset:
+    """The asset standing on z = 0, the middle of its bounding box over the origin."""
+    import torch
+
+    vertices = asset.mesh.vertices
+    low, high = vertices.amin(dim=0), vertices.amax(dim=0)
+    foot = torch.stack([(low[0] + high[0]) / 2.0, (low[1] + high[1]) / 2.0, low[2]])
+    return replace(asset, mesh=replace(asset.mesh, vertices=vertices - foot))
+
+
+def _write_blender_files(
+    asset: RelightableAsset, stage: Path, settings: Settings, preview: bool, report: Report, progress: Progress
+) -> None:
+    """The .blend, and its preview where that is wanted; without bpy the report says that they are left out."""
+    blend = stage / f"{asset.name}.blend"
+    progress(0.0, f"writing {blend.name}")
+    with report.stage("blender"):
+        try:
+            from ..blender import export, relight
+        except ImportError as error:
+            report.leave_out(blend.name, f"{NO_BPY} ({error})")
+            if preview:
+                report.leave_out("preview.png", NO_BPY)
+            return
+        export.save_blend(asset, blend, asdict(settings))
+    if preview:
+        progress(0.2, "rendering preview.png")
+        with report.stage("preview"):
+            relight.preview(blend, stage / "preview.png")

@@ -1,0 +1,62 @@
+"""How far a run is, in one line on stderr, and the seconds of its stages at the end."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TextIO
+
+from ..report import Report
+from ..structures import Progress, silent
+
+
+class ProgressLine:
+    """A `Progress` that rewrites one line on a terminal, and writes a line for each new message elsewhere."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self.stream = stream
+        self.rewrites = stream.isatty()
+        self.message = ""
+
+    def __call__(self, fraction: float, message: str) -> None:
+        if self.rewrites:
+            self.stream.write(f"\r\x1b[K{fraction:4.0%} {message}")
+        elif message != self.message:
+            self.stream.write(f"{fraction:4.0%} {message}\n")
+        self.message = message
+        self.stream.flush()
+
+    def clear(self) -> None:
+        """Takes the line off the terminal, so that what comes next starts on a clean one."""
+        if self.rewrites and self.message:
+            self.stream.write("\r\x1b[K")
+            self.stream.flush()
+        self.message = ""
+
+
+@contextmanager
+def shown(choice: str) -> Iterator[Progress]:
+    """What --progress asks for: "always", "never", or "auto", which is on a terminal; the line is gone at the end."""
+    if choice == "never" or (choice == "auto" and not sys.stderr.isatty()):
+        yield silent
+        return
+    line = ProgressLine(sys.stderr)
+    try:
+        yield line
+    finally:
+        line.clear()
+
+
+def part(progress: Progress, start: float, end: float) -> Progress:
+    """A `Progress` whose 0 to 1 is `start` to `end` of `progress`."""
+    return lambda fraction, message: progress(start + (end - start) * fraction, message)
+
+
+def summary(report: Report) -> str:
+    """The seconds of each stage, and what was left out, for reading."""
+    data = report.as_dict()
+    lines = [f"{name:<16} {seconds:7.2f} s" for name, seconds in data["seconds"].items()]
+    lines.append(f"{'in all':<16} {data['total_seconds']:7.2f} s")
+    if data["peak_memory_mib"] is not None:
+        lines.append(f"{'peak memory':<16} {data['peak_memory_mib']:7.0f} MiB")
+    lines += [f"left out: {note.what}: {note.why}" for note in report.left_out]
+    return "\n".join(lines)
