@@ -1,0 +1,42 @@
+# make          the environment: .venv with everything pinned; a second run installs nothing
+# make demo     six views of an object -> out/demo/
+# make test     the tests; make test-slow: the long ones; make lint; make bench
+# PYTHON=...    the Python 3.11 to make .venv with; EXAMPLE=... the views of the demo
+
+PYTHON ?= python3.11
+EXAMPLE ?= $(patsubst %/,%,$(firstword $(dir $(wildcard examples/*/transforms.json))))
+
+BIN := .venv/bin
+READY := .venv/.installed
+
+.PHONY: all demo test test-slow lint bench clean
+
+all: $(READY)
+
+# torch goes first and on its own: pip then takes the CPU wheel where one is configured.
+$(READY): requirements.txt requirements-dev.txt tools/system_libraries.py
+	@command -v $(PYTHON) > /dev/null || { echo "$(PYTHON): not found; install Python 3.11, or name one: make PYTHON=..." >&2; exit 1; }
+	$(PYTHON) tools/system_libraries.py
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(shell grep '^torch==' requirements.txt)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-dev.txt
+	@touch $@
+
+demo: $(READY)
+	@test -n "$(EXAMPLE)" || { echo "examples/: no views with transforms.json; name some: make demo EXAMPLE=..." >&2; exit 1; }
+	$(BIN)/python -m arm_blender generate $(EXAMPLE) --output out/demo --preview --progress always
+
+test: $(READY)
+	$(BIN)/python -m pytest -q
+
+test-slow: $(READY)
+	$(BIN)/python -m pytest -q -m slow
+
+lint: $(READY)
+	$(BIN)/ruff check .
+
+bench: $(READY)
+	@for file in benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
+
+clean:
+	rm -rf out .pytest_cache .ruff_cache
