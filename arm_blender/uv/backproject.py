@@ -23,7 +23,7 @@ class BackprojectConfig:
 
     depth_bias: float = 4e-3
     """World units. Larger leaks texture through thin walls; smaller speckles curved surfaces."""
-    slope_bias: float = 1.5
+    slope_bias: float = 2.0
     """Pixels of the z-buffer over which a slanted surface may fall; too small stripes slanted surfaces."""
     depth_resolution: int = 640
     """Pixels of the z-buffer's longer side. Fewer blur what hides what; more cost time."""
@@ -71,17 +71,18 @@ def backproject(
     visibility = torch.zeros(count, size * size, dtype=torch.bool, device=points.device)
     cosine = points.new_zeros(count, size * size)
     pixels = points.new_zeros(count, size * size, 2)
-    sight = [
-        _sight(mesh, points, normals, image, camera, config)
-        for image, camera in zip(views.images, views.cameras, strict=True)
-    ]
-    sure_of_one = torch.stack([sure for _, sure in sight]).any(dim=0)
-    for view, (camera, (plain, sure)) in enumerate(zip(views.cameras, sight, strict=True)):
-        where = project(points, camera)[0]
-        pixels[view, covered] = where
-        chosen = torch.where(sure_of_one, sure, plain).nonzero()[:, 0]
-        step = footprint(pixels[view].view(size, size, 2), texels.mask).flatten()[covered[chosen]]
-        colors, found = sample_view(views.images[view], where[chosen], step, config.min_alpha)
+    steps, plain, sure = [], [], []
+    for view, (image, camera) in enumerate(zip(views.images, views.cameras, strict=True)):
+        pixels[view, covered] = project(points, camera)[0]
+        steps.append(footprint(pixels[view].view(size, size, 2), texels.mask).flatten()[covered])
+        seen, seen_well = _sight(mesh, points, normals, steps[-1], image, camera, config)
+        plain.append(seen)
+        sure.append(seen_well)
+    sure_of_one = torch.stack(sure).any(dim=0)
+    for view, camera in enumerate(views.cameras):
+        chosen = torch.where(sure_of_one, sure[view], plain[view]).nonzero()[:, 0]
+        where = pixels[view, covered[chosen]]
+        colors, found = sample_view(views.images[view], where, steps[view][chosen], config.min_alpha)
         chosen, colors = chosen[found], colors[:, found]
         towards = view_directions(points[chosen], camera)
         color[view].index_copy_(1, covered[chosen], colors)
@@ -149,22 +150,36 @@ def texture_size_for(mesh: UvMesh, views: ViewSet, maximum: int) -> int:
 
 
 def _sight(
-    mesh: UvMesh, points: Tensor, normals: Tensor, image: Tensor, camera: Camera, config: BackprojectConfig
+    mesh: UvMesh,
+    points: Tensor,
+    normals: Tensor,
+    steps: Tensor,
+    image: Tensor,
+    camera: Camera,
+    config: BackprojectConfig,
 ) -> tuple[Tensor, Tensor]:
-    """Points (P, 3) that a view sees, and those that it sees away from any outline; (P,) bool each."""
+    """Points (P, 3) that a view sees, and those that it sees away from any outline; (P,) bool each.
+
+    `steps` (P,) are the pixels that a texel covers.
+    """
     facing = (normals * view_directions(points, camera)).sum(dim=1)
-    buffer, sized = depth_buffer(mesh, camera, config.depth_resolution)
+    visible = facing >= config.min_cosine
     margin = max(1.0, config.margin * camera.height)  # Pixels of the view.
+    # A colour is read from pixels around the point: one away if bilinear, more from a mip level.
+    typical = float(steps[visible].median()) if bool(visible.any()) else 1.0
+    reach = 1.0 if typical <= 1.0 else 1.5 * typical
+    buffer, sized = depth_buffer(mesh, camera, config.depth_resolution)
     free, inner = unoccluded(
         points,
-        facing.clamp(min=config.min_cosine),
+        normals,
         buffer,
         sized,
-        math.ceil(margin * sized.height / camera.height - 1e-3),
+        math.ceil((margin + reach) * sized.height / camera.height - 1e-3),
         config.depth_bias,
         config.slope_bias,
+        config.min_cosine,
     )
-    free &= facing >= config.min_cosine
+    free &= visible
     opaque = opaque_pixels(image[3], config.min_alpha, math.ceil(margin - 1e-3))
     column, row = project(points, camera)[0].long().unbind(dim=1)
     return free, free & inner & opaque[row.clamp(0, camera.height - 1), column.clamp(0, camera.width - 1)]

@@ -7,7 +7,7 @@ from torch.nn import functional
 from ..structures import TexelMap
 
 FILL_RESOLUTION = 64  # Cells a side of the grid in which seen colours spread to unseen texels.
-ENOUGH = 1.0  # Seen texels a cell needs (weighted) before its own mean stands without its coarser neighbours.
+ENOUGH = 1.0  # Seen texels around a point before their mean stands without that of the coarser level.
 
 
 @torch.no_grad()
@@ -56,13 +56,9 @@ def diffuse_fill(color: Tensor, known: Tensor, texels: TexelMap) -> Tensor:
     inside = ((texels.position[:, known] - origin) / cell).long().clamp(0, FILL_RESOLUTION - 1)
     index = (inside[2] * FILL_RESOLUTION + inside[1]) * FILL_RESOLUTION + inside[0]
     samples = torch.cat([color[:, known], torch.ones_like(color[:1, known])])
-    grid = color.new_zeros(len(samples), FILL_RESOLUTION**3).index_add_(1, index, samples)
-    filled = _push_pull(grid.view(1, -1, FILL_RESOLUTION, FILL_RESOLUTION, FILL_RESOLUTION))
+    sums = color.new_zeros(len(samples), FILL_RESOLUTION**3).index_add_(1, index, samples)
     where = (texels.position[:, unknown] - origin) / (cell * FILL_RESOLUTION) * 2.0 - 1.0
-    read = functional.grid_sample(
-        filled, where.T[None, None, None], mode="bilinear", padding_mode="border", align_corners=False
-    )
-    result[:, unknown] = read[0, :, 0, 0]
+    result[:, unknown] = _push_pull(sums.view(1, -1, FILL_RESOLUTION, FILL_RESOLUTION, FILL_RESOLUTION), where.T)
     return result
 
 
@@ -120,15 +116,17 @@ def _grid_of(texels: TexelMap) -> tuple[Tensor, Tensor]:
     return edge / FILL_RESOLUTION, ((low + high - edge) / 2.0)[:, None]
 
 
-def _push_pull(grid: Tensor) -> Tensor:
-    """Means for every cell: (1, C, G, G, G) from sums and, as last channel, weights (1, C + 1, G, G, G)."""
-    levels = [grid]
+def _push_pull(sums: Tensor, points: Tensor) -> Tensor:
+    """(C, P) means at points (P, 3) in [-1, 1] from sums and, as last channel, counts (1, C + 1, G, G, G)."""
+    levels = [sums]
     while levels[-1].shape[-1] > 1:
         levels.append(functional.avg_pool3d(levels[-1], 2) * 8.0)
-    mean = levels[-1][:, :-1] / levels[-1][:, -1:]
-    for level in reversed(levels[:-1]):
-        coarse = functional.interpolate(mean, scale_factor=2, mode="trilinear", align_corners=False)
-        weight = level[:, -1:]
-        trust = (weight / ENOUGH).clamp(max=1.0)
-        mean = trust * level[:, :-1] / weight.clamp(min=1e-6) + (1.0 - trust) * coarse
+    mean = points.new_zeros(sums.shape[1] - 1, len(points))
+    for level in reversed(levels):
+        # Sums and counts are read apart, so that the empty cells beside a surface have no say.
+        read = functional.grid_sample(
+            level, points[None, None, None], mode="bilinear", padding_mode="border", align_corners=False
+        )[0, :, 0, 0]
+        trust = (read[-1:] / ENOUGH).clamp(max=1.0)
+        mean += trust * (read[:-1] / read[-1:].clamp(min=1e-6) - mean)
     return mean

@@ -14,16 +14,17 @@ def footprint(pixels: Tensor, mask: Tensor) -> Tensor:
     Returns:
         (T, T) pixels per texel; 1 for a texel without a covered neighbour, meaningless where not covered.
     """
-    lengths = []
+    squares = []
     for axis in (0, 1):
-        step = (pixels.narrow(axis, 1, len(mask) - 1) - pixels.narrow(axis, 0, len(mask) - 1)).norm(dim=2)
+        x, y = (pixels.narrow(axis, 1, len(mask) - 1) - pixels.narrow(axis, 0, len(mask) - 1)).unbind(dim=2)
+        step = x.square() + y.square()
         valid = mask.narrow(axis, 1, len(mask) - 1) & mask.narrow(axis, 0, len(mask) - 1)
         step = torch.where(valid, step, torch.inf)
         edge = step.new_full((1, len(mask)) if axis == 0 else (len(mask), 1), torch.inf)
         # Of the two neighbours the nearer: the other may belong to a chart that touches this one.
-        lengths.append(torch.minimum(torch.cat([edge, step], dim=axis), torch.cat([step, edge], dim=axis)))
-    longest = torch.maximum(*(torch.where(torch.isinf(length), 0.0, length) for length in lengths))
-    return torch.where(longest > 0, longest, 1.0)
+        squares.append(torch.minimum(torch.cat([edge, step], dim=axis), torch.cat([step, edge], dim=axis)))
+    longest = torch.maximum(*(torch.where(torch.isinf(square), 0.0, square) for square in squares))
+    return torch.where(longest > 0, longest, 1.0).sqrt()
 
 
 def sample_view(image: Tensor, pixels: Tensor, step: Tensor, min_alpha: float) -> tuple[Tensor, Tensor]:

@@ -17,18 +17,26 @@ def depth_buffer(mesh: UvMesh, camera: Camera, resolution: int) -> tuple[Tensor,
 
 
 def unoccluded(
-    points: Tensor, cosine: Tensor, buffer: Tensor, camera: Camera, radius: int, depth_bias: float, slope_bias: float
+    points: Tensor,
+    normals: Tensor,
+    buffer: Tensor,
+    camera: Camera,
+    radius: int,
+    depth_bias: float,
+    slope_bias: float,
+    min_cosine: float,
 ) -> tuple[Tensor, Tensor]:
     """Points that nothing hides, and those of them that also keep their distance from an edge of their own surface.
 
     Args:
         points: (P, 3) world.
-        cosine: (P,) n.v, positive.
+        normals: (P, 3) unit.
         buffer: (H, W) z-buffer along the view axis, world units; infinity is background.
         camera: of the buffer.
         radius: pixels of the buffer by which an outline may be off. Whatever is hidden anywhere so near is hidden.
         depth_bias: world units.
-        slope_bias: pixels of the buffer, added to `radius`, over which a slanted surface may fall or rise.
+        slope_bias: pixels of the buffer over which a slanted surface may fall or rise besides.
+        min_cosine: a surface more slanted than this gets no more bias than at this.
     Returns:
         (P,) bool unoccluded, (P,) bool unoccluded and away from where the surface breaks off before a deeper one.
     """
@@ -36,13 +44,27 @@ def unoccluded(
     where, depth = project(points, camera)
     inside = (depth > 0) & (where >= 0).all(dim=1) & (where[:, 0] < width) & (where[:, 1] < height)
     column, row = where[:, 0].long().clamp(0, width - 1), where[:, 1].long().clamp(0, height - 1)
-    tangent = (1.0 - cosine**2).clamp(min=0.0).sqrt() / cosine.clamp(min=1e-3)
-    bias = depth_bias + (radius + slope_bias) * tangent * depth / camera.K[0, 0]
+    slope = _slope(points, normals, camera, min_cosine)
+    here, around = depth_bias + slope_bias * slope, depth_bias + (radius + slope_bias) * slope
     nearest = -_widest(-buffer, radius)[row, column]
     # Against the background it is the picture's alpha that tells the outline.
     deepest = _widest(torch.where(torch.isinf(buffer), -torch.inf, buffer), radius)[row, column]
-    free = inside & (depth <= nearest + bias)
-    return free, free & (deepest <= depth + bias)
+    # The wide window needs so much bias that by itself it would let through what lies closely behind.
+    free = inside & (depth <= buffer[row, column] + here) & (depth <= nearest + around)
+    return free, free & (deepest <= depth + around)
+
+
+def _slope(points: Tensor, normals: Tensor, camera: Camera, min_cosine: float) -> Tensor:
+    """(P,) how much the tangent plane's depth changes at most over a pixel aside and a pixel up or down, world units.
+
+    The plane n.p = const meets the ray z d at z = const / (n.d), so dz/dx = -z n_x / (f n.d).
+    """
+    axes = camera.w2c[:3, :3].T
+    local, normal = points @ axes + camera.w2c[:3, 3], normals @ axes
+    depth = -local[:, 2].clamp(max=-1e-6)
+    ray = local / depth[:, None]
+    facing = torch.maximum((normal * ray).sum(dim=1).abs(), min_cosine * ray.norm(dim=1))
+    return depth * (normal[:, 0].abs() / camera.K[0, 0] + normal[:, 1].abs() / camera.K[1, 1]) / facing
 
 
 def opaque_pixels(alpha: Tensor, threshold: float, radius: int) -> Tensor:
