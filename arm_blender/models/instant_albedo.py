@@ -63,7 +63,7 @@ SMALL = InstantAlbedoConfig(
     ),
     unet=UnetConfig(widths=(16, 32, 48), out_channels=16, stem_stride=2),
     ffc=FfcConfig(width=12, downs=3, blocks=2),
-    resolution=256,
+    resolution=192,
     residual=True,
 )
 
