@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save as to_bytes
 from torch import Tensor, nn
 
 from .errors import CheckpointError
@@ -96,7 +96,7 @@ def save(
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        save_file(tensors, unfinished, header)
+        unfinished.write_bytes(to_bytes(tensors, header))
         os.replace(unfinished, path)
     finally:
         unfinished.unlink(missing_ok=True)
