@@ -10,6 +10,9 @@ if TYPE_CHECKING:
     from ..report import Report
     from ..structures import Progress, RelightableAsset
 
+LOADING_SHARE = 0.05
+"""Of the progress bar; the networks take the rest."""
+
 
 @dataclass(frozen=True)
 class GenerationRequest:
@@ -18,10 +21,11 @@ class GenerationRequest:
     views: Path
     """One image, a folder with transforms.json, or a folder of six images in the rig's order."""
     preset: str = "small"
+    quality: str = "balanced"
     texture_size: int | None = None
-    """Texels a side; None leaves it to the quality."""
+    """Texels a side at most; None leaves it to the quality."""
     faces: int | None = None
-    """Triangles; None leaves it to the quality."""
+    """Triangles at most; None leaves it to the quality."""
     seed: int = 0
     threads: int | None = None
     """None leaves it to torch."""
@@ -41,14 +45,24 @@ def generate(request: GenerationRequest, progress: Progress) -> tuple[Relightabl
     # Importing torch takes seconds: here it does so on the worker thread, while Blender stays usable.
     from .. import pipeline
     from ..config import Settings
-    from ..views import ViewOptions, load_views
+    from ..report import Report
+    from ..views import load_views
+
+    def loading(fraction: float, message: str) -> None:
+        progress(LOADING_SHARE * fraction, message)
+
+    def generating(fraction: float, message: str) -> None:
+        progress(LOADING_SHARE + (1.0 - LOADING_SHARE) * fraction, message)
 
     settings = Settings(
         preset=request.preset,
+        quality=request.quality,
         texture_size=request.texture_size,
         faces=request.faces,
         seed=request.seed,
         threads=request.threads,
     )
-    views = load_views(request.views, ViewOptions(), progress)
-    return pipeline.generate(views, settings, progress)
+    report = Report(settings.preset, settings.device, settings.seed)
+    with report.stage("load"):
+        views = load_views(request.views, progress=loading, left_out=report.leave_out)
+    return pipeline.generate(views, settings, generating, report)

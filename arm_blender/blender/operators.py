@@ -177,6 +177,7 @@ def _request_from(context: bpy.types.Context, views: Path) -> GenerationRequest:
     return GenerationRequest(
         views=views,
         preset=settings.preset,
+        quality=settings.quality,
         texture_size=None if settings.texture_size == "AUTO" else int(settings.texture_size),
         faces=settings.faces or None,
         seed=settings.seed,

@@ -23,6 +23,7 @@ class ARM_PT_generate(bpy.types.Panel):
         options.use_property_decorate = False
         options.prop(settings, "views_path")
         options.prop(settings, "preset")
+        options.prop(settings, "quality")
         options.prop(settings, "texture_size")
         options.prop(settings, "faces")
         options.prop(settings, "seed")

@@ -1,7 +1,7 @@
 """The extension's preferences, and where they are found: an extension's name depends on the repository it is in."""
 
 import bpy
-from bpy.props import IntProperty, StringProperty
+from bpy.props import IntProperty
 
 BASE_PACKAGE = __package__.rpartition(".")[0].rpartition(".")[0] or __package__.partition(".")[0]
 """`bl_ext.<repository>.arm_blender` in an extension; the package itself where it runs from its sources."""
@@ -19,16 +19,10 @@ class ARM_preferences(bpy.types.AddonPreferences):
         min=0,
         soft_max=64,
     )
-    weights_folder: StringProperty(
-        name="Weights",
-        description="Folder with weights of your own; those that come with the extension need none",
-        subtype="DIR_PATH",
-    )
 
     def draw(self, context: bpy.types.Context) -> None:
         self.layout.use_property_split = True
         self.layout.prop(self, "threads")
-        self.layout.prop(self, "weights_folder")
 
 
 def preferences() -> ARM_preferences | None:

@@ -21,11 +21,21 @@ class ARM_PG_settings(bpy.types.PropertyGroup):
         ),
         default="small",
     )
+    quality: EnumProperty(
+        name="Quality",
+        description="How fine the shape and the texture may become",
+        items=(
+            ("draft", "Draft", "For a first look"),
+            ("balanced", "Balanced", "For most objects"),
+            ("final", "Final", "For close-ups; takes several times as long"),
+        ),
+        default="balanced",
+    )
     texture_size: EnumProperty(
         name="Texture",
-        description="Texels a side",
+        description="Texels a side at most; the texture is smaller where the views cannot fill it",
         items=(
-            ("AUTO", "Automatic", "As large as the views can fill"),
+            ("AUTO", "Automatic", "As the quality says"),
             ("512", "512", "512 x 512"),
             ("1024", "1024", "1024 x 1024"),
             ("2048", "2048", "2048 x 2048"),
@@ -34,7 +44,7 @@ class ARM_PG_settings(bpy.types.PropertyGroup):
     )
     faces: IntProperty(
         name="Faces",
-        description="Triangles that the mesh may have at most; 0 leaves it to the preset",
+        description="Triangles that the mesh may have at most; 0 leaves it to the quality",
         default=0,
         min=0,
         soft_max=100_000,

@@ -115,11 +115,13 @@ def add_camera(
     lens.angle = math.radians(FIELD_OF_VIEW_DEG)
     camera = bpy.data.objects.new(lens.name, lens)
     azimuth, elevation = math.radians(azimuth_deg), math.radians(elevation_deg)
-    towards = Vector((
-        math.sin(azimuth) * math.cos(elevation),
-        -math.cos(azimuth) * math.cos(elevation),
-        math.sin(elevation),
-    ))
+    towards = Vector(
+        (
+            math.sin(azimuth) * math.cos(elevation),
+            -math.cos(azimuth) * math.cos(elevation),
+            math.sin(elevation),
+        )
+    )
     distance = 1.05 * radius / math.sin(math.radians(FIELD_OF_VIEW_DEG) / 2.0)
     lens.clip_start = 0.01 * (distance - radius)
     lens.clip_end = 10.0 * (distance + radius)

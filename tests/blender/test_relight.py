@@ -59,9 +59,9 @@ def test_the_camera_has_every_vertex_in_its_picture(asset, azimuth_deg, elevatio
     camera = add_camera(bpy.context.scene, *bounding_sphere([shown]), azimuth_deg, elevation_deg)
     bpy.context.scene.render.resolution_x = bpy.context.scene.render.resolution_y = 64
     bpy.context.view_layer.update()
-    seen = np.array([
-        world_to_camera_view(bpy.context.scene, camera, shown.matrix_world @ v.co) for v in shown.data.vertices
-    ])
+    seen = np.array(
+        [world_to_camera_view(bpy.context.scene, camera, shown.matrix_world @ v.co) for v in shown.data.vertices]
+    )
     assert (seen[:, :2] > 0).all() and (seen[:, :2] < 1).all()
     assert (seen[:, 2] > camera.data.clip_start).all() and (seen[:, 2] < camera.data.clip_end).all()
 

@@ -1,0 +1,171 @@
+"""The extension comes and goes without a trace, runs blocking without a window, and hands on what the user chose."""
+
+import subprocess
+import sys
+import types
+from pathlib import Path
+
+import pytest
+
+import arm_blender
+from arm_blender.errors import Cancelled, InputImageError
+
+bpy = pytest.importorskip("bpy")
+from arm_blender.blender import cli, generation, operators  # noqa: E402
+
+pytestmark = pytest.mark.blender
+
+ROOT = Path(arm_blender.__file__).parents[1]
+
+
+@pytest.fixture
+def extension(empty_file):
+    arm_blender.register()
+    yield
+    arm_blender.unregister()
+
+
+@pytest.fixture
+def answer(monkeypatch, asset):
+    """Puts another pipeline behind the operator; gives the requests that reach it."""
+    requests = []
+
+    def pipeline(request, progress):
+        requests.append(request)
+        progress(0.5, "half way")
+        return asset, types.SimpleNamespace(as_dict=lambda: {"faces": 576})
+
+    monkeypatch.setattr(operators, "generate", pipeline)
+    return requests
+
+
+def ours() -> list[str]:
+    kinds = (bpy.types.Operator, bpy.types.Panel, bpy.types.PropertyGroup, bpy.types.AddonPreferences)
+    return [cls.__name__ for kind in kinds for cls in kind.__subclasses__() if cls.is_registered and "ARM_" in str(cls)]
+
+
+def test_registering_twice_leaves_nothing_behind(empty_file):
+    for _ in range(2):
+        arm_blender.register()
+        assert len(ours()) == 6
+        assert bpy.context.scene.arm.preset == "small"
+        arm_blender.unregister()
+    assert ours() == []
+    assert not hasattr(bpy.types.Scene, "arm") and not hasattr(bpy.types.WindowManager, "arm")
+    assert not hasattr(bpy.types, "ARM_OT_generate")
+
+
+def test_generating_in_the_background_waits_for_the_object(extension, answer, tmp_path):
+    scene = bpy.context.scene.arm
+    scene.texture_size, scene.faces, scene.seed, scene.placement = "1024", 5000, 7, "ground"
+    assert bpy.ops.arm.generate("INVOKE_DEFAULT", filepath=str(tmp_path)) == {"FINISHED"}
+    made = bpy.context.object
+    assert (made.name, len(made.data.polygons)) == ("ring", 576)
+    assert made.location.z == pytest.approx(0.3, abs=1e-5)
+    (request,) = answer
+    assert request.views == tmp_path
+    assert (request.texture_size, request.faces, request.seed) == (1024, 5000, 7)
+    assert '"faces": 576' in made["arm_settings"]
+    assert not operators.is_running()
+
+
+def test_what_is_left_to_the_quality_reaches_the_pipeline_as_none(extension, answer, tmp_path):
+    bpy.context.scene.arm.views_path = str(tmp_path)
+    bpy.ops.arm.generate()
+    assert (answer[0].texture_size, answer[0].faces) == (None, None)
+    assert answer[0].threads >= 1
+
+
+@pytest.mark.parametrize(
+    "error, shown",
+    [
+        (InputImageError("mug.png: no foreground found; supply alpha"), "mug.png: no foreground found"),
+        (RuntimeError("shape (3, 4)"), r"Internal error: RuntimeError: shape \(3, 4\)"),
+    ],
+)
+def test_an_error_is_reported_and_nothing_is_made(extension, monkeypatch, tmp_path, error, shown):
+    def failing(request, progress):
+        raise error
+
+    monkeypatch.setattr(operators, "generate", failing)
+    with pytest.raises(RuntimeError, match=shown):
+        bpy.ops.arm.generate(filepath=str(tmp_path))
+    assert len(bpy.data.objects) == 0
+
+
+def test_a_cancelled_generation_makes_nothing_and_is_no_error(extension, monkeypatch, tmp_path):
+    def cancelled(request, progress):
+        raise Cancelled("stopped by the user")
+
+    monkeypatch.setattr(operators, "generate", cancelled)
+    assert bpy.ops.arm.generate(filepath=str(tmp_path)) == {"CANCELLED"}
+    assert len(bpy.data.objects) == 0
+
+
+def test_without_views_the_user_is_told_what_to_do(extension):
+    with pytest.raises(RuntimeError, match="Choose an image or a folder"):
+        bpy.ops.arm.generate()
+
+
+def test_settings_stay_with_the_file_and_progress_does_not(extension, tmp_path):
+    bpy.context.scene.arm.seed = 11
+    bpy.context.window_manager.arm.fraction = 0.5
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "work.blend"))
+    bpy.context.scene.arm.seed = 0
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "work.blend"))
+    assert bpy.context.scene.arm.seed == 11
+    assert bpy.types.WindowManager.bl_rna.properties["arm"].fixed_type.properties["fraction"].is_skip_save
+
+
+def test_the_command_hands_its_words_to_the_command_line(monkeypatch):
+    words = []
+
+    def main(argv):
+        words.append(argv)
+        return 2
+
+    monkeypatch.setitem(sys.modules, "arm_blender.__main__", types.SimpleNamespace(main=main))
+    assert cli.run(["generate", "mug.png"]) == 2
+    assert words == [["generate", "mug.png"]]
+
+
+def test_request_and_worker_know_nothing_of_bpy():
+    source = "import sys, arm_blender.blender.job, arm_blender.blender.generation; print('bpy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", source], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+    assert generation.GenerationRequest(Path("a/mug.png")).as_settings()["views"] == "mug.png"
+
+
+def test_registering_imports_no_torch():
+    source = "import sys, arm_blender; arm_blender.register(); print('torch' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", source], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
+def test_a_request_becomes_settings_and_one_rising_progress(monkeypatch, tmp_path):
+    from arm_blender import pipeline, views
+
+    seen = {}
+
+    def load_views(path, options=None, progress=None, left_out=None):
+        progress(1.0, "loaded")
+        left_out("view 3", "sees nothing")
+        return path
+
+    def generate(loaded, settings, progress, report):
+        seen.update(loaded=loaded, settings=settings)
+        progress(0.5, "half way")
+        progress(1.0, "done")
+        return "asset", report
+
+    monkeypatch.setattr(views, "load_views", load_views)
+    monkeypatch.setattr(pipeline, "generate", generate)
+    fractions = []
+    request = generation.GenerationRequest(tmp_path, quality="draft", texture_size=256, faces=500, seed=9, threads=1)
+    asset, report = generation.generate(request, lambda fraction, message: fractions.append(fraction))
+    assert (asset, seen["loaded"]) == ("asset", tmp_path)
+    settings = seen["settings"]
+    assert (settings.quality, settings.texture_size, settings.faces) == ("draft", 256, 500)
+    assert (settings.seed, settings.threads, report.seed) == (9, 1, 9)
+    assert report.as_dict()["left_out"] == [{"what": "view 3", "why": "sees nothing"}]
+    assert fractions == sorted(fractions) and fractions[-1] == 1.0
