@@ -115,6 +115,13 @@ def project(points: Tensor, camera: Camera) -> tuple[Tensor, Tensor]:
     return torch.stack([x, y], dim=-1), depth
 
 
+def unproject(pixels: Tensor, depth: Tensor, camera: Camera) -> Tensor:
+    """(..., 3) world points at pixel coordinates (..., 2) and depths (...,) along the view axis; undoes `project`."""
+    x = (pixels[..., 0] - camera.K[0, 2]) / camera.K[0, 0] * depth
+    y = (camera.K[1, 2] - pixels[..., 1]) / camera.K[1, 1] * depth
+    return torch.stack([x, y, -depth], dim=-1) @ camera.c2w[:3, :3].T + camera.center
+
+
 def view_directions(points: Tensor, camera: Camera) -> Tensor:
     """(..., 3) unit vectors from world `points` (..., 3) towards the camera."""
     return torch.nn.functional.normalize(camera.center - points, dim=-1)

@@ -1,0 +1,38 @@
+"""GeoRM: views to a density whose iso-surface is the object (ARM, section 4.1)."""
+
+import math
+
+import torch
+from torch import Tensor, nn
+
+from .reconstruction import EncodedViews, NetworkViews, ReconstructionConfig, ReconstructionModel
+
+ISO_DENSITY = 10.0
+"""Density at the surface (InstantMesh)."""
+
+RAW_ISO = 1.0 + math.log(math.expm1(ISO_DENSITY))
+"""The raw value whose density, softplus(raw - 1), is `ISO_DENSITY`."""
+
+
+class GeoRM(nn.Module):
+    """`encode` views once, then ask for the density anywhere in the box."""
+
+    def __init__(self, config: ReconstructionConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.model = ReconstructionModel(config, outputs=1)
+
+    def encode(self, views: NetworkViews) -> EncodedViews:
+        return self.model.encode(views)
+
+    def occupancy_logit(self, encoded: EncodedViews, points: Tensor) -> Tensor:
+        """(B, P) raw value over the iso value at world points (B, P, 3): positive inside, 0 on the surface.
+
+        Close to the surface this is about the signed distance in training's units, so that linear interpolation along
+        grid edges is accurate; the density itself, softplus of it, bends there.
+        """
+        return self.model.decode(encoded, points).squeeze(-1)
+
+    def density(self, encoded: EncodedViews, points: Tensor) -> Tensor:
+        """(B, P) volume density >= 0 at world points (B, P, 3); `ISO_DENSITY` on the surface."""
+        return torch.nn.functional.softplus(self.occupancy_logit(encoded, points) + RAW_ISO - 1.0)

@@ -1,0 +1,30 @@
+"""GlossyRM: views to roughness and metallic over the surface (ARM, section 4.2).
+
+The architecture of GeoRM, and its weights to start from; decoded per texel at inference, per vertex in training.
+"""
+
+from torch import Tensor, nn
+
+from .reconstruction import EncodedViews, NetworkViews, ReconstructionConfig, ReconstructionModel
+
+
+class GlossyRM(nn.Module):
+    """`encode` views once, then ask for roughness and metallic at surface points."""
+
+    def __init__(self, config: ReconstructionConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.model = ReconstructionModel(config, outputs=2)
+
+    def encode(self, views: NetworkViews) -> EncodedViews:
+        return self.model.encode(views)
+
+    def forward(self, encoded: EncodedViews, points: Tensor) -> Tensor:
+        """(B, P, 2) roughness and metallic in (0, 1) at world points (B, P, 3)."""
+        return self.model.decode(encoded, points).sigmoid()
+
+    def load_geometry(self, weights: dict[str, Tensor]) -> None:
+        """Start from GeoRM's weights: all but the decoder's last layer, whose outputs mean something else."""
+        last = f"model.decoder.{len(self.model.decoder) - 1}."
+        own = self.state_dict()
+        self.load_state_dict({key: own[key] if key.startswith(last) else value for key, value in weights.items()})

@@ -1,0 +1,165 @@
+"""The large reconstruction model that GeoRM and GlossyRM share: views to a field over the box (ARM, section 4).
+
+`config.pixel_aligned` is None in the paper's configuration; `small` adds it (see pixel_aligned.py).
+"""
+
+from dataclasses import dataclass, field
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from ..graphics.color import composite, srgb_from_linear
+from ..structures import ViewSet, stack_cameras
+from .image_encoder import ImageEncoder, ImageEncoderConfig, camera_embedding
+from .pixel_aligned import FeaturePyramid, PixelAlignedConfig, PointReader, ViewFeatures, signed_silhouette_distance
+from .transformer import TransformerConfig, TriplaneTransformer
+from .triplane import DecoderConfig, Upsampler, UpsamplerConfig, decoder, sample_planes
+
+
+@dataclass(frozen=True)
+class ReconstructionConfig:
+    encoder: ImageEncoderConfig = field(default_factory=ImageEncoderConfig)
+    transformer: TransformerConfig = field(default_factory=TransformerConfig)
+    upsampler: UpsamplerConfig = field(default_factory=UpsamplerConfig)
+    decoder: DecoderConfig = field(default_factory=DecoderConfig)
+    pixel_aligned: PixelAlignedConfig | None = None
+    background: float = 1.0
+    """Grey level (sRGB) behind the object in the network's input; InstantMesh's encoder knows white."""
+
+
+PAPER = ReconstructionConfig()
+"""The paper's table 4, and reference facts where it is silent."""
+
+SMALL = ReconstructionConfig(
+    encoder=ImageEncoderConfig(
+        image_size=160, position_grid=10, width=96, depth=3, heads=6, mean=(0.5,) * 3, std=(0.5,) * 3
+    ),
+    transformer=TransformerConfig(width=96, layers=3, heads=6, grid=16),
+    upsampler=UpsamplerConfig(filters=48, blocks=1, growth=16, doublings=2, channels=16),
+    decoder=DecoderConfig(hidden_layers=3, hidden=64),
+    pixel_aligned=PixelAlignedConfig(),
+)
+"""The same modules, sized for two CPU cores, with pixel-aligned features."""
+
+
+@dataclass(frozen=True)
+class NetworkViews:
+    """Views as the network takes them. B objects of V views each, square images of S pixels.
+
+    Attributes:
+        images: (B, V, 4, S, S): sRGB in [0, 1] composited on the background, then coverage.
+        silhouette: (B, V, 2, H, H): coverage and signed silhouette distance in pixels, at the views' own resolution.
+        c2w: (B, V, 4, 4).
+        K: (B, V, 3, 3) pixels of an image of H.
+    """
+
+    images: Tensor
+    silhouette: Tensor
+    c2w: Tensor
+    K: Tensor
+
+    def to(self, device: torch.device | str) -> "NetworkViews":
+        return NetworkViews(self.images.to(device), self.silhouette.to(device), self.c2w.to(device), self.K.to(device))
+
+
+def network_views(views: ViewSet, config: ReconstructionConfig, silhouette_size: int = 320) -> NetworkViews:
+    """Resize, composite and measure the silhouettes of one object's views; square pixels, padded to a square."""
+    images, (c2w, K) = views.images, stack_cameras(views.cameras)
+    height, width = images.shape[-2:]
+    if height != width:
+        side = max(height, width)
+        left, top = (side - width) // 2, (side - height) // 2
+        images = F.pad(images, (left, side - width - left, top, side - height - top))
+        K = K + K.new_tensor([[0.0, 0.0, left], [0.0, 0.0, top], [0.0, 0.0, 0.0]])
+    side = images.shape[-1]
+    alpha = images[:, 3:]
+    color = composite(srgb_from_linear(images[:, :3]), alpha, config.background)
+
+    def resize(x: Tensor, size: int) -> Tensor:
+        return (
+            x
+            if size == x.shape[-1]
+            else F.interpolate(x, size=(size, size), mode="bicubic", antialias=True, align_corners=False).clamp(
+                0.0, 1.0
+            )
+        )
+
+    size = config.encoder.image_size
+    fine = min(side, silhouette_size)
+    coverage = resize(alpha, fine)
+    silhouette = torch.cat([coverage, signed_silhouette_distance(coverage[:, 0]).unsqueeze(1)], dim=1)
+    K = torch.cat([K[:, :2] * (fine / side), K[:, 2:]], dim=1)
+    network = torch.cat([resize(color, size), resize(alpha, size)], dim=1)
+    return NetworkViews(network[None], silhouette[None], c2w[None], K[None])
+
+
+@dataclass(frozen=True)
+class EncodedViews:
+    """What points are decoded from.
+
+    Attributes:
+        planes: (B, 3, C, R, R).
+        views: pixel-aligned features, or None in the paper's configuration.
+    """
+
+    planes: Tensor
+    views: ViewFeatures | None
+
+
+class ReconstructionModel(nn.Module):
+    """Views to triplane; points of the triplane to `outputs` raw numbers."""
+
+    def __init__(self, config: ReconstructionConfig, outputs: int) -> None:
+        super().__init__()
+        self.config = config
+        self.encoder = ImageEncoder(config.encoder)
+        self.transformer = TriplaneTransformer(config.transformer, config.encoder.width)
+        self.upsampler = Upsampler(config.upsampler, config.transformer.width)
+        inputs = 3 * config.upsampler.channels
+        if config.pixel_aligned:
+            self.pyramid = FeaturePyramid(config.pixel_aligned.channels, config.encoder.width)
+            self.reader = PointReader(config.pixel_aligned)
+            self.start = nn.Linear(2 * self.reader.outputs, config.transformer.width)
+            inputs += self.reader.outputs
+        self.decoder = decoder(config.decoder, inputs, outputs)
+
+    def encode(self, views: NetworkViews) -> EncodedViews:
+        batch, count = views.images.shape[:2]
+        images = views.images.flatten(0, 1)  # (B * V, 4, S, S)
+        cameras = camera_embedding(views.c2w, views.K, views.silhouette.shape[-1]).flatten(0, 1)
+        tokens = self.encoder(images[:, :3], cameras)  # (B * V, L, D)
+        features = self.view_features(views, images, tokens) if self.config.pixel_aligned else None
+        start = self.starting_tokens(features) if features else None
+        coarse = self.transformer(tokens.reshape(batch, -1, tokens.shape[-1]), start)  # (B, 3, D, R, R)
+        planes = self.upsampler(coarse.flatten(0, 1)).unflatten(0, (batch, 3))
+        return EncodedViews(planes, features)
+
+    def view_features(self, views: NetworkViews, images: Tensor, tokens: Tensor) -> ViewFeatures:
+        grid = images.shape[-1] // self.config.encoder.patch_size
+        patches = tokens[:, 1:].transpose(1, 2).unflatten(-1, (grid, grid))
+        maps = self.pyramid(images, patches).unflatten(0, views.images.shape[:2])
+        return ViewFeatures(maps, views.silhouette, views.c2w, views.K)
+
+    def starting_tokens(self, views: ViewFeatures) -> Tensor:
+        """Features read on a coarse volume, mean and maximum along each plane's normal: (B, 3 * R * R, D)."""
+        grid, batch = self.config.pixel_aligned.start_grid, views.maps.shape[0]
+        # Cell centres along the planes, so that each token reads the columns of its own patch.
+        axis = (torch.arange(grid, device=views.maps.device) + 0.5) / grid * 2.0 - 1.0
+        z, y, x = torch.meshgrid(axis, axis, axis, indexing="ij")
+        points = torch.stack([x, y, z], dim=-1).reshape(1, -1, 3).expand(batch, -1, -1)
+        volume = self.reader(views, points).reshape(batch, grid, grid, grid, -1)  # (B, z, y, x, C)
+        columns = [
+            torch.cat([v.mean(dim=axis), v.amax(dim=axis)], dim=-1)  # Rows are the plane's second coordinate.
+            for v, axis in ((volume, 1), (volume, 2), (volume.transpose(1, 2), 3))
+        ]
+        tokens = torch.stack(columns, dim=1).permute(0, 1, 4, 2, 3).flatten(0, 1)
+        tokens = F.interpolate(tokens, size=(self.config.transformer.grid,) * 2, mode="bilinear", align_corners=False)
+        return self.start(tokens.flatten(2).transpose(1, 2)).reshape(batch, -1, self.config.transformer.width)
+
+    def decode(self, encoded: EncodedViews, points: Tensor) -> Tensor:
+        """(B, P, outputs) raw values at world points (B, P, 3)."""
+        features = sample_planes(encoded.planes, points)
+        if encoded.views:
+            features = torch.cat([features, self.reader(encoded.views, points)], dim=-1)
+        return self.decoder(features)
