@@ -39,6 +39,10 @@ class ViewSet:
         if len(self.cameras) != views or self.weights.shape != (views,):
             raise ValueError(f"{views} views, {len(self.cameras)} cameras, weights {tuple(self.weights.shape)}")
 
+    def to(self, device: torch.device | str) -> "ViewSet":
+        cameras = tuple(camera.to(device) for camera in self.cameras)
+        return ViewSet(self.images.to(device), cameras, self.weights.to(device), self.name)
+
 
 @dataclass(frozen=True)
 class TriangleMesh:
@@ -123,6 +127,8 @@ class TexelViews:
 class MaterialMaps:
     """Maps of one atlas; row 0 is v = 1. Gaps between charts are padded with the nearest covered texel.
 
+    Albedo and baked colour have T texels a side; roughness and metallic may have fewer, 4 where they are one value.
+
     Attributes:
         albedo: (3, T, T) linear Rec.709 in [0, 1]; the base colour, not multiplied by (1 - metallic).
         baked: (3, T, T) linear Rec.709 in [0, 1]: colour with the lighting of the views in it.
@@ -149,6 +155,12 @@ class RelightableAsset:
     name: str
     mesh: UvMesh
     maps: MaterialMaps
+
+    def to(self, device: torch.device | str) -> "RelightableAsset":
+        mesh, maps = self.mesh, self.maps
+        tensors = (t.to(device) for t in (mesh.vertices, mesh.faces, mesh.uvs, mesh.face_uvs))
+        images = (t.to(device) for t in (maps.albedo, maps.baked, maps.roughness, maps.metallic))
+        return RelightableAsset(self.name, UvMesh(*tensors, mesh.charts), MaterialMaps(*images))
 
 
 def stack_cameras(cameras: tuple[Camera, ...]) -> tuple[Tensor, Tensor]:

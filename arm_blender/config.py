@@ -1,0 +1,98 @@
+"""What a user chooses: a preset of networks, a quality level, and single knobs over it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from . import checkpoints
+from .errors import ArmError
+from .models import instant_albedo, reconstruction
+from .models.instant_albedo import InstantAlbedoConfig
+from .models.reconstruction import ReconstructionConfig
+
+PresetName = Literal["small", "paper"]
+QualityName = Literal["draft", "balanced", "final"]
+
+
+@dataclass(frozen=True)
+class Preset:
+    """The configs of the three networks that belong together."""
+
+    georm: ReconstructionConfig
+    glossyrm: ReconstructionConfig
+    instant_albedo: InstantAlbedoConfig
+
+
+PRESETS: dict[str, Preset] = {
+    "small": Preset(reconstruction.SMALL, reconstruction.SMALL, instant_albedo.SMALL),
+    "paper": Preset(reconstruction.PAPER, reconstruction.PAPER, instant_albedo.PAPER),
+}
+
+
+@dataclass(frozen=True)
+class Quality:
+    """What a quality level stands for; docs/error-and-time.md has the error and the time of each."""
+
+    grid: int
+    """Samples of the density along a side of the box."""
+    faces: int
+    """Face budget; xatlas takes about 0.1 s for each thousand."""
+    texture_size: int
+    """Largest texels a side; a smaller atlas is made where the views cannot fill it."""
+
+
+QUALITIES: dict[str, Quality] = {
+    "draft": Quality(grid=64, faces=5_000, texture_size=512),
+    "balanced": Quality(grid=128, faces=10_000, texture_size=1024),
+    "final": Quality(grid=192, faces=30_000, texture_size=2048),
+}
+
+
+@dataclass(frozen=True)
+class Settings:
+    """One run. Knobs that are None follow the quality level."""
+
+    preset: PresetName = "small"
+    quality: QualityName = "balanced"
+    texture_size: int | None = None
+    """Largest texels a side, a power of two from 256 to 8192."""
+    faces: int | None = None
+    """Face budget, at least 100."""
+    grid: int | None = None
+    """Samples of the density along a side of the box, 16 to 512."""
+    dense: bool = False
+    """Sample the density everywhere; finds parts that touch nothing else, and takes many times longer."""
+    seed: int = 0
+    """Of whatever is drawn at random. The same seed gives the same files."""
+    device: str = "cpu"
+    """Where the networks run: cpu, cuda or mps."""
+    threads: int | None = None
+    """Of the CPU; None leaves torch's choice."""
+    time_limit: float = 60.0
+    """Seconds that xatlas may take before projected charts take over."""
+    mesh: Path | None = None
+    """A mesh of the user's: it keeps its shape, and its UVs if it has them."""
+
+    def __post_init__(self) -> None:
+        for name, value, known in (("preset", self.preset, PRESETS), ("quality", self.quality, QUALITIES)):
+            if value not in known:
+                raise ArmError(f"--{name} {value}: unknown; choose one of {', '.join(known)}")
+        size = self.resolved.texture_size
+        if not 256 <= size <= 8192 or size & (size - 1):
+            raise ArmError(f"--texture-size {size}: give a power of two from 256 to 8192")
+        if self.resolved.faces < 100:
+            raise ArmError(f"--faces {self.resolved.faces}: give at least 100")
+        if not 16 <= self.resolved.grid <= 512:
+            raise ArmError(f"--grid {self.resolved.grid}: give 16 to 512")
+        if not self.time_limit > 0.0:
+            raise ArmError(f"--time-limit {self.time_limit:g}: give positive seconds")
+
+    @property
+    def resolved(self) -> Quality:
+        """The quality level with the single knobs over it."""
+        level = QUALITIES[self.quality]
+        return Quality(self.grid or level.grid, self.faces or level.faces, self.texture_size or level.texture_size)
+
+    def weights(self, network: str) -> Path:
+        """The weights file of "georm", "glossyrm" or "instant_albedo"."""
+        return checkpoints.shipped(f"{self.preset}.{network}")

@@ -1,0 +1,194 @@
+"""From posed views to a relightable asset: the whole story, one call a stage (ARM, figure 2)."""
+
+import functools
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import torch
+from torch import nn
+
+from . import checkpoints
+from .config import Settings
+from .graphics.isosurface import extract
+from .graphics.sample_grid import IsosurfaceConfig
+from .models.georm import GeoRM
+from .models.glossyrm import GlossyRM
+from .models.instant_albedo import InstantAlbedo, InstantAlbedoConfig
+from .models.reconstruction import ReconstructionConfig, network_views
+from .report import Report
+from .structures import (
+    MaterialMaps,
+    Progress,
+    RelightableAsset,
+    TexelMap,
+    TriangleMesh,
+    UvMesh,
+    ViewSet,
+    silent,
+)
+from .uv import maps
+from .uv.backproject import backproject, blend, texture_size_for
+from .uv.decimate import clean, decimate
+from .uv.mesh_file import read_mesh
+from .uv.texels import texel_map
+from .uv.unwrap import UnwrapConfig, unwrap
+from .views.scene_frame import normalise
+
+NETWORKS: dict[str, tuple[type[nn.Module], type]] = {
+    "georm": (GeoRM, ReconstructionConfig),
+    "glossyrm": (GlossyRM, ReconstructionConfig),
+    "instant_albedo": (InstantAlbedo, InstantAlbedoConfig),
+}
+"""Each network and the config that its checkpoint carries."""
+
+GLOSSY_TEXELS = 512
+"""Texels a side of the roughness and metallic maps at most: the field behind them is no finer."""
+
+CONSTANT_TOLERANCE = 0.02
+"""A roughness or metallic map that stays this close to one value becomes the value; the eye sees no difference."""
+
+POINTS_AT_ONCE = {"cpu": 2**14, "cuda": 2**18, "mps": 2**17}
+"""Points in one call of a field: what the caches of a core, or the memory of a GPU, hold."""
+
+
+def generate(
+    views: ViewSet, settings: Settings, progress: Progress = silent, report: Report | None = None
+) -> tuple[RelightableAsset, Report]:
+    """Reconstruct the object in `views`.
+
+    Args:
+        views: 1 to 16 posed views, in any frame.
+        settings: what to make of them.
+        progress: told of every stage; it may raise `Cancelled`.
+        report: continued, if loading has begun one.
+    Returns:
+        The asset, in the cameras' frame, and the report.
+    Raises:
+        ArmError: the input does not do, weights are missing, or the density has no surface.
+    """
+    report = report or Report(settings.preset, settings.device, settings.seed)
+    with _running(settings), torch.inference_mode():
+        views, frame = normalise(views.to(settings.device))
+        with report.stage("shape"):
+            mesh = shape(views, settings, _within(progress, 0.0, 0.4))
+        with report.stage("unwrap"):
+            mesh = atlas(mesh, settings, report, _within(progress, 0.4, 0.6))
+        with report.stage("appearance"):
+            material = appearance(mesh, views, settings, report, _within(progress, 0.6, 0.95))
+    mesh = UvMesh(frame.restore(mesh.vertices), mesh.faces, mesh.uvs, mesh.face_uvs, mesh.charts)
+    report.faces, report.charts, report.texture_size = len(mesh.faces), mesh.charts, material.albedo.shape[-1]
+    return RelightableAsset(views.name, mesh, material).to("cpu"), report
+
+
+def shape(views: ViewSet, settings: Settings, progress: Progress = silent) -> TriangleMesh | UvMesh:
+    """GeoRM, its iso-surface, cleaned and reduced to the face budget (ARM, section 4.1); or the user's own mesh."""
+    if settings.mesh is not None:
+        return read_mesh(settings.mesh)
+    progress(0.0, "GeoRM: reading the views")
+    network = _network("georm", settings)
+    encoded = network.encode(network_views(views, network.config))
+    config = IsosurfaceConfig(
+        settings.resolved.grid, iso=0.0, dense=settings.dense, chunk=POINTS_AT_ONCE[settings.device]
+    )
+    surface = extract(
+        lambda points: network.occupancy_logit(encoded, points[None])[0],
+        config,
+        _within(progress, 0.2, 0.8),
+        settings.device,
+    )
+    progress(0.8, "cleaning the mesh")
+    return decimate(clean(surface), settings.resolved.faces)
+
+
+def atlas(mesh: TriangleMesh | UvMesh, settings: Settings, report: Report, progress: Progress) -> UvMesh:
+    """The mesh with a UV atlas; a user's own atlas is kept."""
+    if isinstance(mesh, UvMesh):
+        report.leave_out("unwrapping", "the mesh brings its own UVs")
+        return mesh
+    config = UnwrapConfig(texture_size=settings.resolved.texture_size, time_limit=settings.time_limit)
+    unwrapped, method = unwrap(mesh, config, progress)
+    if method != "xatlas":
+        report.leave_out("xatlas", f"it did not finish within {settings.time_limit:g} s; charts are {method}s")
+    return unwrapped
+
+
+def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report, progress: Progress) -> MaterialMaps:
+    """Albedo and baked colour by InstantAlbedo, roughness and metallic by GlossyRM (ARM, sections 4.2 and 5)."""
+    size = texture_size_for(mesh, views, settings.resolved.texture_size)
+    if size < settings.resolved.texture_size:
+        report.leave_out(f"texels beyond {size} a side", "the views have no more pixels to fill them")
+    progress(0.0, "back-projecting the views")
+    texels = texel_map(mesh, size)
+    seen = backproject(mesh, texels, views)
+    colors, weight = blend(seen, views.weights)
+    known = (weight > 0.0) & texels.mask
+    report.seen_share = float(known.sum() / texels.mask.sum().clamp(min=1))
+    if report.seen_share == 1.0:
+        report.leave_out("in-painting", "every texel was seen")
+    base = maps.diffuse_fill(colors, known, texels)
+    progress(0.3, "InstantAlbedo")
+    painter = _network("instant_albedo", settings)
+    albedo, baked = painter(views.images, texels, seen, base)
+    progress(0.6, "GlossyRM")
+    roughness, metallic = gloss(mesh, views, texels, settings, report, _within(progress, 0.6, 1.0))
+    return MaterialMaps(maps.pad(albedo, texels.mask), maps.pad(baked, texels.mask), roughness, metallic)
+
+
+def gloss(
+    mesh: UvMesh, views: ViewSet, texels: TexelMap, settings: Settings, report: Report, progress: Progress
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Roughness and metallic (1, T, T), decoded at the texels; 4 x 4 where the map is one value."""
+    network = _network("glossyrm", settings)
+    encoded = network.encode(network_views(views, network.config))
+    if len(texels.mask) > GLOSSY_TEXELS:
+        texels = texel_map(mesh, GLOSSY_TEXELS)
+    points = texels.position[:, texels.mask].T
+    chunks = points.split(POINTS_AT_ONCE[settings.device])
+    values = []
+    for index, chunk in enumerate(chunks):
+        progress(index / len(chunks), "GlossyRM: decoding texels")
+        values.append(network(encoded, chunk[None])[0])
+    glossy = texels.position.new_zeros(2, *texels.mask.shape)
+    glossy[:, texels.mask] = torch.cat(values).T
+    result = []
+    for name, image in zip(("roughness", "metallic"), maps.pad(glossy, texels.mask).split(1), strict=True):
+        constant = maps.constant_value(image, texels.mask, CONSTANT_TOLERANCE)
+        if constant is not None:
+            report.leave_out(f"{name} texture", f"it is {constant:.2f} everywhere")
+            image = image.new_full((1, 4, 4), constant)
+        result.append(image)
+    return result[0], result[1]
+
+
+@functools.lru_cache(maxsize=3)
+def _load(path: Path, name: str, device: str) -> nn.Module:
+    """A network with its weights, ready to run; the next item of a batch finds it loaded."""
+    network, config_type = NETWORKS[name]
+    config, state = checkpoints.load(path, config_type)
+    module = network(config)
+    checkpoints.restore(module, state, path)
+    return module.to(device).eval().requires_grad_(False)
+
+
+def _network(name: str, settings: Settings) -> nn.Module:
+    return _load(settings.weights(name), name, settings.device)
+
+
+@contextmanager
+def _running(settings: Settings) -> Iterator[None]:
+    """The run's number of threads and its seed; the caller's own come back afterwards."""
+    threads, random = torch.get_num_threads(), torch.get_rng_state()
+    if settings.threads:
+        torch.set_num_threads(settings.threads)
+    torch.manual_seed(settings.seed)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+        torch.set_rng_state(random)
+
+
+def _within(progress: Progress, low: float, high: float) -> Progress:
+    """A stage's own progress from 0 to 1 as a part of the run's."""
+    return lambda fraction, message: progress(low + (high - low) * fraction, message)
