@@ -1,0 +1,111 @@
+"""`python -m training prepare`: signed distances to the solid that the *visible* outer surface bounds.
+
+Most scans and game assets are not watertight and many have hidden inner walls: no view can tell what is inside, and a
+loss on it punishes what cannot be known. So the truth is carved: a point is outside if any of 64 cameras around the
+object sees past it. Open bowls and cups stay hollow, closed ones become solid.
+"""
+
+import argparse
+import logging
+import math
+from pathlib import Path
+
+import numpy as np
+import torch
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from arm_blender.graphics.cameras import Camera, intrinsics_from_fovy, look_at, project
+from arm_blender.graphics.meshes import sample_surface
+from arm_blender.graphics.rasterize import rasterize
+from arm_blender.structures import TriangleMesh
+
+from .shards import save_arrays
+
+logger = logging.getLogger(__name__)
+
+CARVING_VIEWS, CARVING_SIZE, CARVING_DISTANCE = 64, 256, 6.0
+SURFACE_POINTS = 80_000
+FARTHEST = 0.25  # World units; beyond it only the sign matters, and a bounded search is many times faster.
+NEAR_POINTS, BAND_POINTS, BOX_POINTS = 20_000, 10_000, 10_000
+
+
+def carving_cameras(radius: float) -> list[Camera]:
+    """Cameras on a Fibonacci sphere that frame a ball of `radius` around the origin."""
+    fovy = 2.0 * math.asin(min(0.95, 1.02 * radius / CARVING_DISTANCE))
+    K = intrinsics_from_fovy(fovy, CARVING_SIZE, CARVING_SIZE)
+    index = torch.arange(CARVING_VIEWS) + 0.5
+    z = 1.0 - 2.0 * index / CARVING_VIEWS
+    angle = math.pi * (1.0 + 5.0**0.5) * index
+    ring = (1.0 - z * z).sqrt()
+    eyes = CARVING_DISTANCE * torch.stack([ring * angle.cos(), ring * angle.sin(), z], dim=1)
+    return [Camera(look_at(eye), K, CARVING_SIZE, CARVING_SIZE) for eye in eyes]
+
+
+def depth_margin(points: Tensor, camera: Camera, depth: Tensor) -> Tensor:
+    """(P,) how far in front of what the camera sees each point lies, world units; infinite over background."""
+    pixels, own = project(points, camera)
+    column = pixels[:, 0].long().clamp(0, CARVING_SIZE - 1)
+    row = pixels[:, 1].long().clamp(0, CARVING_SIZE - 1)
+    return depth[row, column] - own
+
+
+def signed_distances(mesh: TriangleMesh, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+    """Points around the visible surface and their signed distances to it.
+
+    Returns:
+        points (P, 3) in the box, world; distance (P,) world units within +-FARTHEST, positive inside.
+    """
+
+    def normal(count: int, scale: float) -> Tensor:
+        return torch.randn(count, 3, generator=generator) * scale
+
+    surface = sample_surface(mesh.vertices, mesh.faces, SURFACE_POINTS, generator)[0]
+    cameras = carving_cameras(float(mesh.vertices.norm(dim=1).max()))
+    depths = [rasterize(mesh.vertices, mesh.faces, camera).depth for camera in cameras]
+    pixel = 2.0 * CARVING_DISTANCE * math.tan(cameras[0].fovy / 2.0) / CARVING_SIZE
+    visible = torch.zeros(len(surface), dtype=torch.bool)
+    for camera, depth in zip(cameras, depths, strict=True):
+        visible |= depth_margin(surface, camera, depth) > -pixel
+    surface = surface[visible]
+    near = surface[torch.randint(len(surface), (NEAR_POINTS,), generator=generator)]
+    low, high = mesh.vertices.amin(0), mesh.vertices.amax(0)
+    points = torch.cat(
+        [
+            near[: NEAR_POINTS // 2] + normal(NEAR_POINTS // 2, 0.02),
+            near[NEAR_POINTS // 2 :] + normal(NEAR_POINTS - NEAR_POINTS // 2, 0.08),
+            low + (high - low) * torch.rand(BAND_POINTS, 3, generator=generator),
+            torch.rand(BOX_POINTS, 3, generator=generator) * 2.0 - 1.0,
+        ]
+    ).clamp(-1.0, 1.0)
+    outside = torch.zeros(len(points), dtype=torch.bool)
+    for camera, depth in zip(cameras, depths, strict=True):
+        # Half a pixel of slack: depth is known at pixel centres only.
+        outside |= depth_margin(points, camera, depth) > 0.5 * pixel
+    distance = torch.from_numpy(cKDTree(surface.numpy()).query(points.numpy(), distance_upper_bound=FARTHEST)[0])
+    distance = distance.float().clamp(max=FARTHEST)
+    return points, torch.where(outside, -distance, distance)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--shards", type=Path, required=True, help="folder of samples; those without distances get them"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write `occupancy.npz` (points (P, 3) float16, distance (P,) float16) beside every `mesh.npz`."""
+    for path in sorted(args.shards.glob("*/mesh.npz")):
+        target = path.with_name("occupancy.npz")
+        if target.exists():
+            continue
+        arrays = np.load(path)
+        mesh = TriangleMesh(torch.from_numpy(arrays["vertices"]), torch.from_numpy(arrays["faces"]).long())
+        points, distance = signed_distances(mesh, torch.Generator().manual_seed(0))
+        save_arrays(target, {"points": points.half().numpy(), "distance": distance.half().numpy()})
+        logger.info(
+            "%s: %.0f%% of the box points are inside",
+            path.parent.name,
+            100 * (distance[-BOX_POINTS:] > 0).float().mean(),
+        )
+    return 0

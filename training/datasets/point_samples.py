@@ -1,0 +1,194 @@
+"""Samples that supervise a field at points: compact in memory, augmented when they are drawn."""
+
+import logging
+import math
+import time
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from arm_blender.graphics.cameras import unproject
+from arm_blender.graphics.color import linear_from_srgb
+from arm_blender.models.reconstruction import SMALL, NetworkViews, network_views
+from arm_blender.structures import ViewSet
+
+from . import shards
+
+logger = logging.getLogger(__name__)
+
+GLOSS_POINTS = 20_000
+
+HELD_OUT_EVERY = 32
+"""One object in so many validates."""
+
+
+@dataclass(frozen=True)
+class PointSample:
+    """One rig of one object, and what is true at points of it.
+
+    Attributes:
+        views: six input views, compact: images uint8, silhouettes float16; B = 1.
+        points: (P, 3) float16 world.
+        target: (P, K) float16: signed distance (K = 1), or roughness and metallic (K = 2).
+        solid: (P,) bool: on or in the object, so that it must stay in the box.
+        zero123plus: the rig is the Zero123++ one, turned about Z.
+    """
+
+    views: NetworkViews
+    points: Tensor
+    target: Tensor
+    solid: Tensor
+    zero123plus: bool
+
+    @property
+    def usable(self) -> bool:
+        """A sheet without volume has no inside to learn, and an object that no view frames cannot be seen."""
+        return int(self.solid.sum()) > 100 and bool((self.views.images[:, :, 3] > 127).any())
+
+
+def load_occupancy(path: Path) -> PointSample:
+    """Signed distances around the object of one `rig_<k>.npz`."""
+    views, _, zero123plus = _input_views(path)
+    occupancy = np.load(path.with_name("occupancy.npz"))
+    points, distance = torch.from_numpy(occupancy["points"]), torch.from_numpy(occupancy["distance"])
+    return PointSample(views, points, distance[:, None], distance > -0.02, zero123plus)
+
+
+def load_gloss(path: Path) -> PointSample:
+    """Roughness and metallic at `GLOSS_POINTS` surface points, seen by any of the rig's views."""
+    views, arrays, zero123plus = _input_views(path)
+    points, target = [], []
+    for index, camera in enumerate(shards.cameras(arrays)):
+        # Pixels at the outline mix the object with what is behind it.
+        rows, columns = np.nonzero((arrays["rgba"][index, ..., 3] == 255) & np.isfinite(arrays["depth"][index]))
+        depth = torch.from_numpy(arrays["depth"][index][rows, columns].astype(np.float32))
+        pixels = torch.from_numpy(np.stack([columns, rows], axis=1)).float() + 0.5
+        points.append(unproject(pixels, depth, camera))
+        finish = np.stack([arrays[name][index][rows, columns] for name in ("roughness", "metallic")], axis=1)
+        target.append(torch.from_numpy(finish).float() / 255.0)
+    points, target = torch.cat(points), torch.cat(target)
+    chosen = torch.randperm(len(points), generator=torch.Generator().manual_seed(0))[:GLOSS_POINTS]
+    solid = torch.ones(len(chosen), dtype=torch.bool)
+    return PointSample(views, points[chosen].half(), target[chosen].half(), solid, zero123plus)
+
+
+def _input_views(path: Path) -> tuple[NetworkViews, dict[str, np.ndarray], bool]:
+    """The six input views of a rig, compact; its arrays; whether it is the Zero123++ rig."""
+    with np.load(path) as file:
+        arrays = dict(file)
+    cameras = shards.cameras(arrays)[:6]
+    images = torch.from_numpy(arrays["rgba"][:6]).permute(0, 3, 1, 2).float() / 255.0
+    linear = torch.cat([linear_from_srgb(images[:, :3]), images[:, 3:]], dim=1)
+    views = network_views(ViewSet(linear, cameras, torch.ones(6), path.parent.name), SMALL)
+    elevations = [math.degrees(math.asin(float(c.center[2] / c.center.norm()))) for c in cameras]
+    alternating = all(abs(e - (20.0, -10.0)[i % 2]) < 0.5 for i, e in enumerate(elevations))
+    compact = NetworkViews((views.images * 255.0).round().byte(), views.silhouette.half(), views.c2w, views.K)
+    return compact, arrays, alternating
+
+
+def expanded(views: NetworkViews) -> NetworkViews:
+    """Compact views as the network takes them."""
+    return NetworkViews(views.images.float() / 255.0, views.silhouette.float(), views.c2w, views.K)
+
+
+def drop_views(generator: torch.Generator) -> Tensor:
+    """Indices of the input views that a step keeps: all six, or in one of three steps 1 to 5 of them."""
+    count = 6
+    if float(torch.rand((), generator=generator)) < 0.35:
+        count = int(torch.randint(1, 6, (), generator=generator))
+    return torch.randperm(6, generator=generator)[:count].sort().values
+
+
+def rotation_z(angle: float) -> Tensor:
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return torch.tensor([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+
+
+def augmented(sample: PointSample, count: int, generator: torch.Generator) -> tuple[NetworkViews, Tensor, Tensor]:
+    """The object turned about Z, scaled, mirrored and exposed at random, and `count` of its points.
+
+    Returns:
+        views (B = 1), points (count, 3) in the new frame, target (count, K) as stored but for distances, which scale.
+    """
+
+    def uniform(low: float, high: float) -> float:
+        return low + (high - low) * float(torch.rand((), generator=generator))
+
+    c2w, K = sample.views.c2w.clone(), sample.views.K.clone()
+    views = expanded(sample.views)
+    images, silhouette = views.images, views.silhouette
+    turn = uniform(0.0, 2.0 * math.pi)
+    if sample.zero123plus and uniform(0.0, 1.0) < 0.6:
+        # Users' rigs stand at 30, 90, ... degrees; this sample's rig is turned by what brings it there.
+        eye = c2w[0, 0, :3, 3]
+        turn = math.radians(30.0) - math.atan2(float(eye[0]), -float(eye[1]))
+    rotation = rotation_z(turn)
+    points = sample.points[sample.solid].float() @ rotation.T
+    scale = min(1.0, 0.99 / float(points.abs().amax())) * uniform(0.75, 1.0)
+    motion = torch.eye(4)
+    motion[:3, :3] = rotation
+    c2w = motion @ c2w
+    c2w[..., :3, 3] *= scale
+    chosen = torch.randint(len(sample.points), (count,), generator=generator)
+    points = sample.points[chosen].float() @ rotation.T * scale
+    target = sample.target[chosen].float()
+    if target.shape[1] == 1:
+        target = target * scale
+    if uniform(0.0, 1.0) < 0.5 and not sample.zero123plus:
+        mirror = torch.diag(torch.tensor([-1.0, 1.0, 1.0, 1.0]))
+        c2w, points = mirror @ c2w @ mirror, points * torch.tensor([-1.0, 1.0, 1.0])
+        images, silhouette = images.flip(-1), silhouette.flip(-1)
+        K[..., 0, 2] = silhouette.shape[-1] - K[..., 0, 2]
+    exposure = uniform(0.7, 1.3)
+    color, alpha = images[:, :, :3], images[:, :, 3:]
+    color = torch.where(alpha > 0.02, (color * exposure).clamp(0.0, 1.0), color)
+    return NetworkViews(torch.cat([color, alpha], dim=2), silhouette, c2w, K), points, target
+
+
+def batched(samples: list[tuple[NetworkViews, Tensor, Tensor]], keep: Tensor) -> tuple[NetworkViews, Tensor, Tensor]:
+    """Stack samples, keeping only the views of index `keep`."""
+    parts = [
+        torch.cat([getattr(views, name)[:, keep] for views, _, _ in samples])
+        for name in ("images", "silhouette", "c2w", "K")
+    ]
+    return NetworkViews(*parts), torch.stack([p for _, p, _ in samples]), torch.stack([t for _, _, t in samples])
+
+
+def is_held_out(path: Path) -> bool:
+    """Whether a sample's object only validates; its name decides, however many samples there are."""
+    return zlib.crc32(path.parent.name.encode()) % HELD_OUT_EVERY == 0
+
+
+class SampleCache:
+    """Samples of a folder in memory, about 2 MB each; what is rendered meanwhile joins at `refresh`.
+
+    Attributes:
+        held_out: samples of objects that are never drawn.
+    """
+
+    def __init__(self, folder: Path, load: Callable[[Path], PointSample]) -> None:
+        self.folder, self.load = folder, load
+        self.loaded: dict[Path, PointSample] = {}
+        self.checked = -math.inf
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Read new files; at most once a minute."""
+        if time.monotonic() - self.checked < 60.0:
+            return
+        self.checked = time.monotonic()
+        for path in shards.rigs(self.folder):
+            if path not in self.loaded and path.with_name("occupancy.npz").exists():
+                self.loaded[path] = self.load(path)
+        usable = {path: sample for path, sample in self.loaded.items() if sample.usable}
+        self.held_out = [sample for path, sample in usable.items() if is_held_out(path)]
+        self.training = [sample for path, sample in usable.items() if not is_held_out(path)]
+        logger.info("%d samples to train on, %d held out", len(self.training), len(self.held_out))
+
+    def draw(self, generator: torch.Generator) -> PointSample:
+        return self.training[int(torch.randint(len(self.training), (), generator=generator))]

@@ -1,0 +1,268 @@
+"""`python -m training render`: objects to posed views with depth, normal, albedo, roughness and metallic, by Cycles.
+
+Two layouts, one renderer. *Samples* for training: `OUTPUT/<id>/mesh.npz` and `OUTPUT/<id>/rig_<k>.npz`, six input views
+of a random rig and four more (the paper's N = 10). *Views* for evaluation: `OUTPUT/<id>/` as a user would bring it,
+`transforms.json` and PNGs of the Zero123++ v1.2 rig, with the true mesh beside them.
+"""
+
+import argparse
+import json
+import logging
+import math
+import os
+import tempfile
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+import OpenImageIO as oiio
+import torch
+from mathutils import Matrix
+
+from arm_blender.errors import ArmError
+from arm_blender.graphics.cameras import Camera, orbit_camera
+from arm_blender.graphics.color import srgb_from_linear
+from arm_blender.views.rigs import zero123plus_rig
+from arm_blender.views.transforms_json import write_transforms
+
+from .scene_blender import (
+    add_aovs,
+    blender_environments,
+    import_object,
+    make_opaque,
+    mean_radiance,
+    normalise,
+    set_world,
+    triangles,
+    vary_material,
+)
+from .shards import save_arrays
+
+logger = logging.getLogger(__name__)
+
+INPUT_VIEWS, EXTRA_VIEWS = 6, 4
+
+
+@dataclass(frozen=True)
+class RenderConfig:
+    resolution: int = 192
+    """Pixels a side."""
+    samples: int = 16
+    """Cycles samples a pixel. Fewer leave noise that the texture inherits."""
+    denoise: bool = True
+    """OpenImageDenoise where this Blender has it."""
+
+
+def configure_cycles(config: RenderConfig) -> bpy.types.Object:
+    """Set up the scene for one-pass rendering into a multilayer EXR; return the camera."""
+    scene = bpy.context.scene
+    render = scene.render
+    render.engine = "CYCLES"
+    render.resolution_x = render.resolution_y = config.resolution
+    render.film_transparent = True
+    render.use_persistent_data = True
+    render.use_compositing = render.use_sequencer = False
+    render.dither_intensity = 0.0
+    scene.view_settings.view_transform = "Standard"
+    cycles = scene.cycles
+    cycles.device, cycles.samples, cycles.use_adaptive_sampling = "CPU", config.samples, False
+    cycles.max_bounces, cycles.use_auto_tile = 4, False
+    cycles.pixel_filter_type = "BOX"
+    cycles.use_denoising = config.denoise
+    if config.denoise:
+        cycles.denoiser = "OPENIMAGEDENOISE"
+        cycles.denoising_prefilter, cycles.denoising_quality = "FAST", "FAST"
+    settings = render.image_settings
+    if hasattr(settings, "media_type"):  # Blender 5.0 chooses the medium first.
+        settings.media_type = "MULTI_LAYER_IMAGE"
+    settings.file_format, settings.color_depth, settings.exr_codec = "OPEN_EXR_MULTILAYER", "32", "NONE"
+    camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
+    camera.data.sensor_fit, camera.data.clip_start = "HORIZONTAL", 0.01
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    return camera
+
+
+def read_layers(path: Path) -> dict[str, np.ndarray]:
+    """Channels of a multilayer EXR by `Layer.Channel`; Blender 5.0 and later write one part a pass."""
+    file = oiio.ImageInput.open(str(path))
+    if file is None:
+        raise ArmError(f"{path}: cannot be read; was the disk full?")
+    layers, part = {}, 0
+    while file.seek_subimage(part, 0):
+        spec = file.spec()
+        pixels = file.read_image(part, 0, 0, spec.nchannels, "float")
+        for index, channel in enumerate(spec.channelnames):
+            layers[".".join(channel.split(".")[-2:])] = pixels[..., index]
+        part += 1
+    file.close()
+    return layers
+
+
+def channels(layers: dict[str, np.ndarray], name: str, suffixes: str) -> np.ndarray:
+    """(H, W, C) of one pass, whichever of the equivalent suffixes this version of Blender wrote."""
+    planes = [layers[f"{name}.{s}"] for s in suffixes if f"{name}.{s}" in layers]
+    return np.stack(planes, axis=-1)
+
+
+def srgb8(linear: np.ndarray) -> np.ndarray:
+    encoded = srgb_from_linear(torch.from_numpy(np.ascontiguousarray(linear)))
+    return (encoded.numpy() * 255.0 + 0.5).astype(np.uint8)
+
+
+def render_view(camera: Camera, camera_object: bpy.types.Object, scratch: Path) -> dict[str, np.ndarray]:
+    """One view: rgba (H, W, 4) uint8 sRGB straight, albedo uint8 sRGB, roughness, metallic uint8, depth, normal."""
+    camera_object.matrix_world = Matrix(camera.c2w.tolist())
+    camera_object.data.angle = 2.0 * math.atan(camera.width / (2.0 * float(camera.K[0, 0])))
+    bpy.context.scene.render.filepath = str(scratch / "view.exr")
+    bpy.ops.render.render(write_still=True)
+    layers = read_layers(scratch / "view.exr")
+    premultiplied, alpha = channels(layers, "Combined", "RGB"), layers["Combined.A"].clip(0.0, 1.0)
+    coverage = np.maximum(alpha, 1e-4)[..., None]
+    depth = channels(layers, "Depth", "ZV")[..., 0]
+    quantised = lambda x: (np.clip(x, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)  # noqa: E731
+    return {
+        "rgba": np.concatenate([srgb8(premultiplied / coverage), quantised(alpha)[..., None]], axis=-1),
+        "albedo": srgb8(channels(layers, "arm_albedo", "RGB") / coverage),
+        # A scalar AOV is named X or V by version; both hold the premultiplied value.
+        "roughness": quantised(channels(layers, "arm_roughness", "XV")[..., 0] / coverage[..., 0]),
+        "metallic": quantised(channels(layers, "arm_metallic", "XV")[..., 0] / coverage[..., 0]),
+        "depth": np.where(depth > 1e4, np.inf, depth).astype(np.float16),
+        "normal": (np.clip(channels(layers, "Normal", "XYZ"), -1.0, 1.0) * 127.0).astype(np.int8),
+    }
+
+
+def random_rig(rng: np.random.Generator, size: int) -> tuple[Camera, ...]:
+    """Six input views, of the Zero123++ rig turned at random or of a free rig, and four more from anywhere.
+
+    Distances and fields of view span what users bring (2 to 8, 15° to 60°); a bounding sphere of the unit box always
+    lies in the frame, so that a mask never lies by omission.
+    """
+    turn = rng.uniform(0.0, 360.0)
+
+    def framed(azimuth: float, elevation: float, fovy: float, fill: float) -> Camera:
+        distance = float(np.clip(1.25 / (fill * math.sin(math.radians(fovy) / 2.0)), 1.8, 9.0))
+        return orbit_camera(azimuth, elevation, distance, fovy, size, size)
+
+    if rng.random() < 0.6:
+        fill = rng.uniform(0.7, 1.1)
+        views = [framed(turn + 30.0 + 60.0 * i, (20.0, -10.0)[i % 2], 30.0, fill) for i in range(INPUT_VIEWS)]
+    else:
+        fovy = rng.uniform(18.0, 55.0)
+        views = [
+            framed(turn + 60.0 * i + rng.uniform(-25.0, 25.0), rng.uniform(-25.0, 55.0), fovy, rng.uniform(0.7, 1.05))
+            for i in range(INPUT_VIEWS)
+        ]
+    views += [
+        framed(rng.uniform(0.0, 360.0), math.degrees(math.asin(rng.uniform(-0.6, 0.95))), rng.uniform(25.0, 50.0), 0.95)
+        for _ in range(EXTRA_VIEWS)
+    ]
+    return tuple(views)
+
+
+def prepare_scene(path: Path, has_materials: bool, hdri: Path, rng: np.random.Generator, config: RenderConfig):
+    """Import, normalise and light one object. Returns (camera object, vertices, faces)."""
+    radiance = mean_radiance(hdri)
+    objects = import_object(path)
+    normalise(objects)
+    vertices, faces = triangles(objects)
+    for material in bpy.data.materials:
+        make_opaque(material)
+        if not has_materials:
+            vary_material(material, rng)
+    camera_object = configure_cycles(config)
+    add_aovs()
+    set_world(hdri, rng.uniform(0.0, 360.0), rng.uniform(0.6, 1.4) / max(radiance, 1e-3))
+    return camera_object, vertices, faces
+
+
+def render_sample(entry: dict, data: Path, hdri: Path, output: Path, rig: int, config: RenderConfig) -> None:
+    """One training sample of one object: a random rig, light and finish, all drawn from the object's own seed."""
+    rng = np.random.default_rng(zlib.crc32(f"{entry['id']}/{rig}".encode()))
+    camera_object, vertices, faces = prepare_scene(data / entry["main"], entry["set"] == "pbr", hdri, rng, config)
+    cameras = random_rig(rng, config.resolution)
+    with tempfile.TemporaryDirectory(dir="/dev/shm" if os.path.isdir("/dev/shm") else None) as scratch:
+        views = [render_view(camera, camera_object, Path(scratch)) for camera in cameras]
+    folder = output / entry["id"]
+    folder.mkdir(parents=True, exist_ok=True)
+    if not (folder / "mesh.npz").exists():
+        save_arrays(folder / "mesh.npz", {"vertices": vertices, "faces": faces.astype(np.int32)})
+    arrays = {key: np.stack([view[key] for view in views]) for key in views[0]}
+    arrays["c2w"] = torch.stack([camera.c2w for camera in cameras]).numpy()
+    arrays["K"] = torch.stack([camera.K for camera in cameras]).numpy()
+    save_arrays(folder / f"rig_{rig}.npz", arrays)
+
+
+def render_views(entry: dict, data: Path, hdri: Path, output: Path, distance: float, config: RenderConfig) -> None:
+    """The six true views of an evaluation object in the Zero123++ v1.2 rig, as a user's folder."""
+    rng = np.random.default_rng(zlib.crc32(entry["id"].encode()))
+    camera_object, vertices, faces = prepare_scene(data / entry["main"], True, hdri, rng, config)
+    cameras = zero123plus_rig(distance=distance, size=config.resolution)
+    folder = output / entry["id"]
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir="/dev/shm" if os.path.isdir("/dev/shm") else None) as scratch:
+        for index, camera in enumerate(cameras):
+            view = render_view(camera, camera_object, Path(scratch))
+            spec = oiio.ImageSpec(config.resolution, config.resolution, 4, "uint8")
+            file = oiio.ImageOutput.create(str(folder / f"{index:03d}.png"))
+            spec.attribute("oiio:UnassociatedAlpha", 1)
+            if not file or not file.open(str(folder / f"{index:03d}.png"), spec) or not file.write_image(view["rgba"]):
+                raise ArmError(f"{folder}: cannot write the views; is the disk full?")
+            file.close()
+    save_arrays(folder / "mesh.npz", {"vertices": vertices, "faces": faces.astype(np.int32)})
+    write_transforms(folder / "transforms.json", cameras, [f"{i:03d}.png" for i in range(len(cameras))])
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--data", type=Path, default=os.environ.get("ARM_DATA"), help="folder with manifest.json")
+    parser.add_argument("--output", type=Path, required=True, help="folder of samples or views")
+    parser.add_argument("--split", choices=("train", "eval"), default="train")
+    parser.add_argument("--set", nargs="*", default=("pbr", "gso", "flat"), help="sets of the manifest")
+    parser.add_argument("--ids", nargs="*", help="only these objects")
+    parser.add_argument("--layout", choices=("samples", "views"), default="samples")
+    parser.add_argument("--rigs", type=int, default=1, help="samples an object")
+    parser.add_argument("--first-rig", type=int, default=0)
+    parser.add_argument("--distance", type=float, default=6.0, help="of the evaluation rig")
+    parser.add_argument("--resolution", type=int, default=192)
+    parser.add_argument("--samples", type=int, default=16)
+    parser.add_argument("--max-triangles", type=int, default=120_000, help="larger objects are left out")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Render every chosen object; what is whole already is skipped, what fails is named and skipped."""
+    if args.data is None:
+        raise ArmError("no data folder; give --data DIR or set ARM_DATA")
+    manifest = json.loads((Path(args.data) / "manifest.json").read_text())
+    # Objects of evaluation are lit by evaluation HDRIs, and training never sees one of those.
+    hdris = [Path(args.data) / h["files"][0] for h in manifest["hdris"] if h["split"] == args.split]
+    if args.split == "train":
+        hdris += blender_environments()
+    entries = [
+        e
+        for e in manifest["objects"]
+        if e["split"] == args.split
+        and e["set"] in args.set
+        and (not args.ids or e["id"] in args.ids)
+        and (e.get("n_triangles") or 0) <= args.max_triangles
+    ]
+    entries.sort(key=lambda e: zlib.crc32(e["id"].encode()))  # A fixed mixture, so that any prefix is a fair sample.
+    config = RenderConfig(resolution=args.resolution, samples=args.samples)
+    failed = 0
+    for rig in range(args.first_rig, args.first_rig + args.rigs):
+        for index, entry in enumerate(entries):
+            whole = args.output / entry["id"] / (f"rig_{rig}.npz" if args.layout == "samples" else "transforms.json")
+            if whole.exists():
+                continue
+            hdri = hdris[zlib.crc32(f"{entry['id']}:{rig}".encode()) % len(hdris)]
+            try:
+                if args.layout == "samples":
+                    render_sample(entry, Path(args.data), hdri, args.output, rig, config)
+                else:
+                    render_views(entry, Path(args.data), hdri, args.output, args.distance, config)
+            except (ArmError, RuntimeError) as error:  # Blender's operators raise RuntimeError on a broken file.
+                failed += 1
+                logger.warning("%s: left out: %s", entry["id"], error)
+            logger.info("rig %d: %d of %d, %s", rig, index + 1, len(entries), entry["id"])
+    return 1 if failed == len(entries) else 0

@@ -1,0 +1,44 @@
+"""Samples on disk: a folder per object with `mesh.npz`, `occupancy.npz` and one `rig_<k>.npz` per rendered rig.
+
+rig_<k>.npz, V views of S x S pixels, the first six of them inputs: rgba (V, S, S, 4) uint8 sRGB with straight alpha,
+albedo (V, S, S, 3) uint8 sRGB, roughness and metallic (V, S, S) uint8, depth (V, S, S) float16 along the view axis with
+infinity as background, normal (V, S, S, 3) int8 world, c2w (V, 4, 4), K (V, 3, 3).
+"""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from arm_blender.errors import ArmError
+from arm_blender.graphics.cameras import Camera
+
+
+def save_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
+    """A compressed npz, whole or not at all."""
+    temporary = path.with_suffix(".partial")
+    with open(temporary, "wb") as file:
+        np.savez_compressed(file, **arrays)
+    os.replace(temporary, path)
+
+
+def rigs(shards: Path) -> list[Path]:
+    """Every `rig_<k>.npz`, in a stable order.
+
+    Raises:
+        ArmError: there is none.
+    """
+    found = sorted(shards.glob("*/rig_*.npz"))
+    if not found:
+        raise ArmError(f"{shards}: no samples; make them with `python -m training render --data DIR --output {shards}`")
+    return found
+
+
+def cameras(arrays: dict[str, np.ndarray]) -> tuple[Camera, ...]:
+    """The cameras of one rig."""
+    size = arrays["rgba"].shape[1]
+    return tuple(
+        Camera(torch.from_numpy(c2w), torch.from_numpy(K), size, size)
+        for c2w, K in zip(arrays["c2w"], arrays["K"], strict=True)
+    )

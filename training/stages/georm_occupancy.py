@@ -1,0 +1,84 @@
+"""Stage 0 of GeoRM: an occupancy warm-up, for who starts without InstantMesh's weights.
+
+Not in the paper, which starts from a pretrained model. The decoder's raw value over the iso value is trained as the
+logit of a soft occupancy, sigmoid(signed distance / temperature), at points around the visible surface: about a hundred
+times cheaper a step than volume rendering, and it leaves a density whose iso-surface is the object.
+"""
+
+import argparse
+import logging
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+from arm_blender import checkpoints
+from arm_blender.models.georm import GeoRM
+from arm_blender.models.pixel_aligned import hull_distance
+from arm_blender.models.reconstruction import SMALL
+
+from ..datasets.point_samples import PointSample, SampleCache, augmented, batched, drop_views, expanded, load_occupancy
+from ..trainer import Trainer, TrainerConfig
+
+logger = logging.getLogger(__name__)
+
+TEMPERATURE = 0.02
+"""World units a logit. Smaller sharpens the surface and starves far points of gradient."""
+
+
+def occupancy_loss(logit: Tensor, distance: Tensor) -> Tensor:
+    """Binary cross-entropy against the soft occupancy; its minimum is logit = distance / temperature."""
+    return F.binary_cross_entropy_with_logits(logit, torch.sigmoid(distance / TEMPERATURE))
+
+
+def intersection_over_union(predicted: Tensor, truth: Tensor) -> float:
+    return float((predicted & truth).sum() / (predicted | truth).sum().clamp(min=1))
+
+
+@torch.no_grad()
+def validate(model: GeoRM, samples: list[PointSample]) -> dict[str, float]:
+    """IoU at the sampled points of objects that training never sees, beside the visual hull's."""
+    ours, hull = [], []
+    for sample in samples:
+        encoded, points = model.encode(expanded(sample.views)), sample.points[None].float()
+        truth = sample.target[:, 0] > 0
+        ours.append(intersection_over_union(model.occupancy_logit(encoded, points)[0] > 0, truth))
+        hull.append(intersection_over_union(hull_distance(encoded.views, points)[0] > 0, truth))
+    return {"iou": float(np.mean(ours)), "hull iou": float(np.mean(hull))}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--shards", type=Path, required=True)
+    parser.add_argument("--output", type=Path, required=True, help="safetensors file of the weights")
+    parser.add_argument("--start", type=Path, help="weights to start from")
+    parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument("--batch", type=int, default=2, help="objects a step")
+    parser.add_argument("--points", type=int, default=6144, help="points an object")
+    parser.add_argument("--learning-rate", type=float, default=1e-3)
+    parser.add_argument("--seed", type=int, default=0)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Train and write the averaged weights."""
+    generator = torch.Generator().manual_seed(args.seed)
+    torch.manual_seed(args.seed)
+    model = GeoRM(SMALL)
+    if args.start:
+        checkpoints.restore(model, checkpoints.load(args.start, type(SMALL))[1], args.start)
+    samples = SampleCache(args.shards, load_occupancy)
+    trainer = Trainer(
+        model, TrainerConfig(minutes=args.minutes, learning_rate=args.learning_rate), args.output.with_suffix(".resume")
+    )
+
+    def step(index: int) -> tuple[Tensor, dict[str, float]]:
+        samples.refresh()
+        picks = [samples.draw(generator) for _ in range(args.batch)]
+        views, points, distance = batched([augmented(s, args.points, generator) for s in picks], drop_views(generator))
+        logit = model.occupancy_logit(model.encode(views), points)
+        return occupancy_loss(logit, distance[..., 0]), {}
+
+    averaged = trainer.run(step, lambda m: validate(m, samples.held_out))
+    checkpoints.save(args.output, averaged.state_dict(), SMALL, name="small.georm")
+    return 0

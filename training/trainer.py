@@ -1,0 +1,125 @@
+"""The training loop that every stage shares: a time budget, a schedule, an average of the weights, and a resume file.
+
+A run may be stopped at any moment and goes on from its last resume file; what it leaves behind is whole.
+"""
+
+import copy
+import logging
+import math
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class TrainerConfig:
+    minutes: float = 60.0
+    """Wall-clock budget; the learning rate falls to zero over it. Time spent before a resume counts."""
+    learning_rate: float = 1e-3
+    """Of Adam. The paper's 4e-5 suits its size; a network of a million weights wants more."""
+    warmup_steps: int = 100
+    """Steps over which the learning rate rises."""
+    weight_decay: float = 0.01
+    clip: float = 1.0
+    """Largest norm of the gradient."""
+    average: float = 0.998
+    """Of the exponential moving average whose weights are shipped; about the last 500 steps."""
+    log_every: int = 50
+    """Steps between log lines."""
+    save_every_minutes: float = 4.0
+
+
+class Trainer:
+    """Runs `loss(step) -> (loss, named numbers to log)` until the budget is spent.
+
+    Args:
+        model: trained in place.
+        config: of the loop.
+        resume: file of the loop's state; continued from if it exists.
+    """
+
+    def __init__(self, model: nn.Module, config: TrainerConfig, resume: Path) -> None:
+        self.model, self.config, self.resume = model, config, resume
+        self.optimizer = torch.optim.AdamW(
+            model.parameters(), lr=config.learning_rate, betas=(0.9, 0.98), weight_decay=config.weight_decay
+        )
+        self.averaged = copy.deepcopy(model).requires_grad_(False).eval()
+        self.step, self.spent = 0, 0.0
+        if resume.exists():
+            state = torch.load(resume, weights_only=True)
+            model.load_state_dict(state["model"])
+            self.averaged.load_state_dict(state["averaged"])
+            self.optimizer.load_state_dict(state["optimizer"])
+            self.step, self.spent = state["step"], state["spent"]
+            logger.info("going on from step %d after %.1f minutes", self.step, self.spent / 60.0)
+
+    def save(self) -> None:
+        state = {
+            "model": self.model.state_dict(),
+            "averaged": self.averaged.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "step": self.step,
+            "spent": self.spent,
+        }
+        temporary = self.resume.with_suffix(".partial")
+        torch.save(state, temporary)
+        os.replace(temporary, self.resume)
+
+    def learning_rate(self) -> float:
+        """Linear warm-up, then a cosine over the time budget."""
+        warmup = min(1.0, (self.step + 1) / self.config.warmup_steps)
+        fraction = min(1.0, self.spent / (60.0 * self.config.minutes))
+        return self.config.learning_rate * warmup * 0.5 * (1.0 + math.cos(math.pi * fraction))
+
+    @torch.no_grad()
+    def update_average(self) -> None:
+        decay = min(self.config.average, (self.step + 1) / (self.step + 10))
+        for mine, theirs in zip(self.averaged.state_dict().values(), self.model.state_dict().values(), strict=True):
+            if mine.is_floating_point():
+                mine.lerp_(theirs, 1.0 - decay)
+            else:
+                mine.copy_(theirs)
+
+    def run(
+        self, loss: Callable[[int], tuple[Tensor, dict[str, float]]], validate: Callable[[nn.Module], dict[str, float]]
+    ) -> nn.Module:
+        """Train until the budget is spent; returns the averaged model."""
+        totals: dict[str, float] = {}
+        last_save = time.monotonic()
+        while self.spent < 60.0 * self.config.minutes:
+            started = time.monotonic()
+            for group in self.optimizer.param_groups:
+                group["lr"] = self.learning_rate()
+            value, numbers = loss(self.step)
+            self.optimizer.zero_grad(set_to_none=True)
+            value.backward()
+            norm = nn.utils.clip_grad_norm_(self.model.parameters(), self.config.clip)
+            # One bad sample must not end a night's run, nor enter the weights.
+            if bool(norm.isfinite()):
+                self.optimizer.step()
+                self.update_average()
+            self.step += 1
+            self.spent += time.monotonic() - started
+            for key, number in {"loss": float(value.detach()), **numbers}.items():
+                totals[key] = totals.get(key, 0.0) + number / self.config.log_every
+            if self.step % self.config.log_every == 0:
+                self.report("mean", totals)
+                totals = {}
+            if time.monotonic() - last_save > 60.0 * self.config.save_every_minutes:
+                self.save()
+                self.report("validation", validate(self.averaged))
+                last_save = time.monotonic()
+        self.save()
+        self.report("validation", validate(self.averaged))
+        return self.averaged
+
+    def report(self, what: str, numbers: dict[str, float]) -> None:
+        text = ", ".join(f"{key} {number:.4f}" for key, number in numbers.items())
+        logger.info("step %d, %.1f min, %s: %s", self.step, self.spent / 60.0, what, text)
