@@ -8,6 +8,7 @@ import argparse
 import importlib
 import logging
 import os
+import shlex
 import sys
 from pathlib import Path
 
@@ -32,15 +33,17 @@ STAGES = {
 
 def main(argv: list[str] | None = None) -> int:
     """Run one command; returns the exit status: 0 done, 1 failed, 2 bad usage."""
+    words = sys.argv[1:] if argv is None else argv
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
     try:
-        chosen, rest = _command_parser().parse_known_args(argv)
+        chosen, rest = _command_parser().parse_known_args(words)
         module = importlib.import_module(chosen.module)
         parser = argparse.ArgumentParser(prog=chosen.program, description=(module.__doc__ or "").partition("\n")[0])
         module.add_arguments(parser)
         if "ARM_DATA" in os.environ:
             parser.set_defaults(data=Path(os.environ["ARM_DATA"]))
         args = parser.parse_args(rest)
+        args.command = f"python -m training {shlex.join(words)}"  # Documents say which command made them.
     except SystemExit as stop:  # argparse has printed what is wrong; a caller in Python gets a status as well.
         return int(stop.code or 0)
     try:

@@ -1,5 +1,7 @@
 """`python -m training evaluate` on objects whose answer is known."""
 
+import csv
+import functools
 import json
 import math
 
@@ -9,15 +11,19 @@ import torch
 import trimesh
 
 from arm_blender import pipeline
+from arm_blender.config import QUALITIES
 from arm_blender.errors import EmptyMeshError
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.graphics.rasterize import rasterize
 from arm_blender.structures import TriangleMesh
+from arm_blender.views import ViewOptions, load_views
 from arm_blender.views.image_io import write_png
 from arm_blender.views.transforms_json import write_transforms
 from training.__main__ import main
+from training.evaluation import sweep
 from training.evaluation.evaluate import FAILED, ObjectResult, mean_scores, verdict
 from training.evaluation.geometry import GeometryScores
+from training.evaluation.left_out import variants
 
 GOOD, FAIR = GeometryScores(0.9, 0.5, 0.04), GeometryScores(0.8, 0.4, 0.06)
 
@@ -52,6 +58,7 @@ def test_a_network_that_knows_the_truth_beats_the_hull(ball_views, tmp_path, mon
     assert main(["evaluate", "--views", str(ball_views), "--output", str(tmp_path / "out"), "--grid", "32"]) == 0
     assert "NOT" not in capsys.readouterr().out
     results = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert results["command"].startswith("python -m training evaluate --views ")
     (item,) = results["objects"]
     assert item["ours"]["f_coarse"] == 1.0
     # What is left of the distance is the spacing of 100,000 samples of a sphere.
@@ -83,3 +90,29 @@ def test_the_verdict_knows_that_a_small_distance_is_good():
     assert verdict([result(GOOD, FAIR)]).count("the network beats") == 3
     assert verdict([result(FAIR, GOOD)]).count("does NOT beat") == 3
     assert verdict([result(GOOD, GOOD)]).count("does NOT beat") == 3  # Equal is not better.
+
+
+def test_a_sweep_has_a_row_for_every_combination_and_quality(ball_views, tmp_path, monkeypatch):
+    monkeypatch.delenv("ARM_DATA", raising=False)
+    monkeypatch.setattr(pipeline, "shape", lambda views, settings: ball())
+    monkeypatch.setattr(sweep, "unwrap", lambda mesh, config: None)
+    monkeypatch.setattr(sweep, "compare", functools.partial(sweep.compare, samples=10_000))
+    output = tmp_path / "sweep.md"
+    words = ["--views", str(ball_views), "--grids", "32", "48", "--faces", "500", "1000", "--output", str(output)]
+    assert main(["sweep", *words]) == 0
+    rows = list(csv.DictReader(output.with_suffix(".csv").open()))
+    chosen = {(int(row["grid"]), int(row["face_budget"])) for row in rows}
+    assert chosen >= {(32, 500), (32, 1000), (48, 500), (48, 1000)}
+    assert len(rows) == len(chosen) == 4 + len(QUALITIES)
+    assert all(float(row["f_coarse"]) == 1.0 and float(row["faces"]) == len(ball().faces) for row in rows)
+    assert all(f"| {name} |" in output.read_text() for name in QUALITIES)
+
+
+def test_the_variants_of_a_scene_need_less_than_it_does(ball_views):
+    views = load_views(ball_views / "ball", ViewOptions())
+    before = views.images.clone()
+    scenes = dict(variants(views))
+    assert [len(scenes[title].cameras) for title in ("six views", "the first three", "the first alone")] == [6, 3, 1]
+    grey = scenes["six views of one flat grey"].images
+    assert grey[:, :3].unique().numel() == 1 and torch.equal(grey[:, 3], before[:, 3])
+    assert torch.equal(views.images, before)  # No variant changes what it was made from.

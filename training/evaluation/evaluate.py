@@ -7,7 +7,6 @@ report says so in words.
 import argparse
 import logging
 import math
-import sys
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -24,7 +23,7 @@ from arm_blender.views.scene_frame import normalise
 from .contact_sheet import contact_sheet
 from .geometry import SAMPLES, GeometryScores, compare
 from .objects import EvaluationObject, evaluation_objects
-from .results import command_line, fill_block, markdown_table, paragraphs, write_text
+from .results import fill_block, markdown_table, paragraphs, write_text
 from .visual_hull import visual_hull
 
 logger = logging.getLogger(__name__)
@@ -89,10 +88,9 @@ def run(args: argparse.Namespace) -> int:
     for index, item in enumerate(objects):
         results.append(measure(item, settings, args.seed, None if args.no_sheets else args.output))
         logger.info("%d of %d, %s", index + 1, len(objects), _summary(results[-1]))
-    command = command_line(sys.argv[1:])
-    report = paragraphs(results_table(results, args.run_time), verdict(results), f"Made by `{command}`.")
+    report = paragraphs(results_table(results, args.run_time), verdict(results), f"Made by `{args.command}`.")
     write_text(args.output / "results.md", report)
-    write_json(args.output / "results.json", {"command": command, "seed": args.seed} | as_json(results, settings))
+    write_json(args.output / "results.json", {"command": args.command, "seed": args.seed} | as_json(results, settings))
     if args.update_readme:
         fill_block(args.update_readme, "results", report)
     print(report)

@@ -1,19 +1,20 @@
 """`python -m training left-out`: what the pipeline skips where a scene does not need it, read from its own reports."""
 
 import argparse
-import sys
+import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import torch
+import trimesh
 
 from arm_blender import pipeline
 from arm_blender.config import PRESETS, Settings
 from arm_blender.structures import ViewSet
 
 from .objects import evaluation_objects
-from .results import command_line, markdown_table, paragraphs, write_text
+from .results import markdown_table, paragraphs, write_text
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,24 +27,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Generate from every variant of the first object's views and write what each report left out."""
-    views = evaluation_objects(args.views)[0].views()
-    settings = Settings(preset=args.preset, device=args.device)
+    item = evaluation_objects(args.views)[0]
+    views, settings = item.views(), Settings(preset=args.preset, device=args.device)
     pipeline.generate(views, settings)  # Loads the weights, so that no variant is charged for it.
-    rows = []
-    for title, variant in variants(views):
-        asset, report = pipeline.generate(variant, settings)
-        reasons = "<br>".join(f"{left.what}: {left.why}" for left in report.left_out) or "nothing"
-        rows.append([title, reasons, f"{sum(report.seconds.values()):.1f}", asset.maps.albedo.shape[-1]])
+    rows = [row(title, variant, settings) for title, variant in variants(views)]
+    with tempfile.TemporaryDirectory() as folder:
+        mesh, truth = Path(folder) / "own.obj", item.truth()
+        trimesh.Trimesh(truth.vertices.numpy(), truth.faces.numpy(), process=False).export(mesh)
+        rows.append(row("six views, and a mesh of the user's own", views, replace(settings, mesh=mesh)))
     text = paragraphs(
         "# What is left out",
         "The report of every run says which work was skipped and why. These are variants of one object's six views "
         f"(`{views.name}`).",
         markdown_table(["views", "left out", "seconds", "texels a side"], rows),
-        f"Made by `{command_line(sys.argv[1:])}`.",
+        f"Made by `{args.command}`.",
     )
     write_text(args.output, text)
     print(text)
     return 0
+
+
+def row(title: str, views: ViewSet, settings: Settings) -> list[object]:
+    """One line of the table: what a run's report says."""
+    asset, report = pipeline.generate(views, settings)
+    reasons = "<br>".join(f"{left.what}: {left.why}" for left in report.left_out) or "nothing"
+    return [title, reasons, f"{sum(report.seconds.values()):.1f}", asset.maps.albedo.shape[-1]]
 
 
 def variants(views: ViewSet) -> Iterator[tuple[str, ViewSet]]:
@@ -54,9 +62,6 @@ def variants(views: ViewSet) -> Iterator[tuple[str, ViewSet]]:
     grey = views.images.clone()
     grey[:, :3] = 0.2
     yield "six views of one flat grey", replace(views, images=grey)
-    empty = views.images.clone()
-    empty[-1] = 0.0
-    yield "six views, the last of them empty", replace(views, images=empty)
     yield "six views, the last two of weight 0", replace(views, weights=torch.tensor([1.0] * 4 + [0.0] * 2))
     small = torch.nn.functional.interpolate(views.images, scale_factor=0.25, mode="area")
     cameras = tuple(camera.resized(small.shape[-1], small.shape[-2]) for camera in views.cameras)

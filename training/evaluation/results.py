@@ -1,6 +1,5 @@
-"""Results as Markdown, with the command line that made them; generated blocks of a document."""
+"""Results as Markdown: tables, documents, and the generated blocks of a document."""
 
-import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -25,15 +24,6 @@ def _cell(value: object) -> str:
 def paragraphs(*parts: str) -> str:
     """The parts of a Markdown document, each a paragraph, heading or table of its own."""
     return "\n\n".join(parts)
-
-
-def command_line(argv: Sequence[str]) -> str:
-    """What to type to get the same numbers again.
-
-    Args:
-        argv: the words after `python -m training`.
-    """
-    return "python -m training " + shlex.join(argv)
 
 
 def write_text(path: Path, text: str) -> None:

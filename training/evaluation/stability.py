@@ -2,7 +2,6 @@
 
 import argparse
 import math
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from arm_blender.uv.backproject import backproject, blend
 from arm_blender.uv.texels import texel_map
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 
-from .results import command_line, markdown_table, paragraphs, write_text
+from .results import markdown_table, paragraphs, write_text
 
 Row = tuple[str, str, str]
 """Case, what is measured, result."""
@@ -40,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
         "# Stability",
         "Each part of the pipeline on inputs that are harsher than a scene should bring, against a closed form.",
         markdown_table(["case", "what is measured", "result"], rows),
-        f"Made by `{command_line(sys.argv[1:])}`.",
+        f"Made by `{args.command}`.",
     )
     write_text(args.output, text)
     print(text)

@@ -9,7 +9,6 @@ import csv
 import io
 import itertools
 import logging
-import sys
 import time
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
@@ -22,7 +21,7 @@ from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 from .evaluate import add_object_arguments, reconstruct
 from .geometry import compare
 from .objects import EvaluationObject, evaluation_objects
-from .results import command_line, markdown_table, paragraphs, write_text
+from .results import markdown_table, paragraphs, write_text
 
 logger = logging.getLogger(__name__)
 
@@ -64,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
         rows.append(combination(objects, _settings(args, grid, faces), args.seed))
         logger.info("%s", rows[-1])
     write_text(args.output.with_suffix(".csv"), csv_text(rows))
-    write_text(args.output, document(rows, len(objects), command_line(sys.argv[1:])))
+    write_text(args.output, document(rows, len(objects), args.command))
     print(args.output)
     return 0
 
