@@ -18,11 +18,13 @@ RADIUS = 0.7
 def sphere_mask(camera: Camera) -> torch.Tensor:
     """(H, W) alpha of the sphere at the origin: its silhouette is a cone around the camera's way to it."""
     x, y = torch.meshgrid(torch.arange(camera.width) + 0.5, torch.arange(camera.height) + 0.5, indexing="xy")
-    directions = torch.stack([
-        (x - camera.K[0, 2]) / camera.K[0, 0],
-        (camera.K[1, 2] - y) / camera.K[1, 1],
-        -torch.ones_like(x),
-    ])
+    directions = torch.stack(
+        [
+            (x - camera.K[0, 2]) / camera.K[0, 0],
+            (camera.K[1, 2] - y) / camera.K[1, 1],
+            -torch.ones_like(x),
+        ]
+    )
     distance = float(camera.center.norm())
     angle = torch.acos(-torch.nn.functional.normalize(directions, dim=0)[2])
     pixels_inside = (math.asin(RADIUS / distance) - angle) * float(camera.K[0, 0])
