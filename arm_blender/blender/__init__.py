@@ -10,11 +10,11 @@ def register() -> None:
     """Add the extension to Blender."""
     import atexit
 
-    import bpy
+    from .compat import IS_MODULE
 
     for module in _modules():
         module.register()
-    if bpy.app.module:  # As a Python module, 4.2 and 4.5 crash or hang at exit while classes are registered.
+    if IS_MODULE:  # As a Python module, 4.2 and 4.5 crash or hang at exit while classes are registered.
         atexit.register(unregister)
 
 
