@@ -1,0 +1,317 @@
+"""The command line's contract: status, one line per error, whole results. The networks are played by a stand-in."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+
+from arm_blender.__main__ import INTERRUPTED, main
+from arm_blender.export import is_whole
+from arm_blender.structures import MaterialMaps, RelightableAsset, UvMesh
+from arm_blender.views.image_io import write_png
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture
+def pipeline(monkeypatch):
+    """Stands in for the pipeline: a box for every view set; keeps what it was asked for."""
+    from arm_blender import pipeline
+
+    calls = []
+
+    def generate(views, settings, progress, report):
+        calls.append((views, settings))
+        progress(0.5, "shaping")
+        box = trimesh.creation.box()
+        vertices, faces = torch.from_numpy(box.vertices.copy()).float(), torch.from_numpy(box.faces.copy()).long()
+        mesh = UvMesh(vertices, faces, torch.rand(len(vertices), 2), faces, 1)
+        maps = MaterialMaps(*(torch.full((channels, 4, 4), 0.5) for channels in (3, 3, 1, 1)))
+        report.faces = len(faces)
+        return RelightableAsset(views.name, mesh, maps), report
+
+    monkeypatch.setattr(pipeline, "generate", generate)
+    return calls
+
+
+@pytest.fixture(autouse=True)
+def no_blender(monkeypatch, request):
+    """As where bpy is not installed, unless the test is marked `blender`."""
+    if request.node.get_closest_marker("blender") is None:
+        for name in ("export", "relight"):
+            monkeypatch.setitem(sys.modules, f"arm_blender.blender.{name}", None)
+            # An earlier test may have imported it: the package then has it as an attribute as well.
+            monkeypatch.delattr(f"arm_blender.blender.{name}", raising=False)
+
+
+@pytest.fixture
+def picture(tmp_path) -> Path:
+    return a_picture(tmp_path / "cup.png")
+
+
+def a_picture(path: Path) -> Path:
+    image = torch.full((4, 64, 64), 0.5)
+    image[3] = 0.0
+    image[3, 16:48, 20:44] = 1.0
+    write_png(path, image, srgb=True)
+    return path
+
+
+def run(*words) -> int:
+    return main([str(word) for word in words])
+
+
+def only_line(text: str) -> str:
+    lines = text.splitlines()
+    assert len(lines) == 1, text
+    return lines[0]
+
+
+def test_generate_writes_a_whole_asset(pipeline, picture, tmp_path, capsys):
+    assert run("generate", picture, "--output", tmp_path / "out") == 0
+    files = sorted(str(path.relative_to(tmp_path / "out")) for path in (tmp_path / "out").rglob("*.*"))
+    textures = [f"textures/{name}.png" for name in ("albedo", "baked", "metallic", "roughness")]
+    assert files == ["cup.glb", "report.json", *textures]
+    captured = capsys.readouterr()
+    assert "report.json" in captured.out and "shape" not in captured.err
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["faces"] == 12 and {"start", "views", "files"} <= report["seconds"].keys()
+    assert [note["what"] for note in report["left_out"]] == ["cup.blend"]
+
+
+@pytest.mark.blender
+def test_the_blend_is_written_where_bpy_is(pipeline, picture, tmp_path):
+    assert run("generate", picture, "--output", tmp_path / "out") == 0
+    assert (tmp_path / "out" / "cup.blend").stat().st_size > 0
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["left_out"] == []
+
+
+def test_json_is_all_there_is_on_stdout(pipeline, picture, tmp_path, capsys):
+    assert run("generate", picture, "--output", tmp_path / "out", "--json") == 0
+    captured = capsys.readouterr()
+    assert json.loads(captured.out)["faces"] == 12 and captured.err == ""
+
+
+def test_the_words_reach_the_settings(pipeline, picture, tmp_path):
+    words = "--quality final --texture-size 512 --faces 777 --grid 40 --dense --seed 3 --threads 2 --time-limit 9"
+    assert run("generate", picture, "--output", tmp_path / "out", *words.split(), "--view-weights", "2.5") == 0
+    views, settings = pipeline[0]
+    assert views.weights.tolist() == [2.5] and settings.quality == "final"
+    assert (settings.texture_size, settings.faces, settings.grid, settings.dense) == (512, 777, 40, True)
+    assert (settings.seed, settings.threads, settings.time_limit) == (3, 2, 9.0)
+
+
+def test_the_ground_is_under_the_object(pipeline, picture, tmp_path):
+    assert run("generate", picture, "--output", tmp_path / "out", "--place", "ground") == 0
+    found = trimesh.load(tmp_path / "out" / "cup.glb").geometry["cup"]
+    np.testing.assert_allclose(found.bounds, [[-0.5, 0.0, -0.5], [0.5, 1.0, 0.5]], atol=1e-6)  # glTF: Y is up
+
+
+def test_progress_is_shown_on_demand(pipeline, picture, tmp_path, capsys):
+    assert run("generate", picture, "--output", tmp_path / "out", "--progress", "always") == 0
+    messages = [line.partition("% ")[2] for line in capsys.readouterr().err.splitlines()]
+    wanted = ["starting", "reading cup.png", "shaping", "writing textures", "writing cup.glb", "writing report.json"]
+    assert [message for message in messages if message in wanted] == wanted
+
+
+def broken_inputs(folder: Path) -> dict[str, tuple[Path, str]]:
+    """Each bad input, and the name that the error has to say."""
+    good = a_picture(folder / "good.png")
+    (folder / "truncated.png").write_bytes(good.read_bytes()[: good.stat().st_size // 2])
+    (folder / "text.png").write_text("no picture")
+    write_png(folder / "empty.png", torch.zeros(4, 64, 64), srgb=True)
+    write_png(folder / "busy.png", torch.rand(3, 64, 64), srgb=True)
+    (folder / "bare").mkdir()
+    (folder / "bad").mkdir()
+    (folder / "bad" / "transforms.json").write_text("{")
+    (folder / "sizes").mkdir()
+    for index in range(6):
+        a_picture(folder / "sizes" / f"{index}.png")
+    write_png(folder / "sizes" / "5.png", torch.ones(4, 32, 32), srgb=True)
+    names = {name: folder / name for name in ("truncated.png", "text.png", "empty.png", "busy.png", "bare", "missing")}
+    return {name: (path, path.name) for name, path in names.items()} | {
+        "malformed transforms": (folder / "bad", "transforms.json"),
+        "different sizes": (folder / "sizes", "5.png"),
+    }
+
+
+CASES = ["truncated.png", "text.png", "empty.png", "busy.png", "bare", "missing"]
+CASES += ["malformed transforms", "different sizes"]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_bad_input_is_one_line_that_names_it(pipeline, tmp_path, capfd, case):
+    views, name = broken_inputs(tmp_path)[case]
+    assert run("generate", views, "--output", tmp_path / "out") == 1
+    captured = capfd.readouterr()
+    assert name in only_line(captured.err) and captured.out == ""
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_unwritable_output_is_refused_before_any_work(pipeline, picture, capsys):
+    assert run("generate", picture, "--output", picture / "out") == 1
+    assert "cup.png" in only_line(capsys.readouterr().err) and pipeline == []
+
+
+def test_missing_weights_are_one_line(picture, tmp_path, capsys, monkeypatch):
+    from arm_blender import checkpoints
+
+    monkeypatch.setattr(checkpoints.shipped, "__defaults__", (tmp_path / "weights",))
+    assert run("generate", picture, "--output", tmp_path / "out") == 1
+    assert "small.georm" in only_line(capsys.readouterr().err)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        [],
+        ["paint"],
+        ["generate"],
+        ["generate", "VIEWS"],
+        ["generate", "VIEWS", "--output", "OUT", "--faces", "many"],
+        ["generate", "VIEWS", "--output", "OUT", "--texture-size", "1000"],
+        ["generate", "VIEWS", "--output", "OUT", "--preset", "huge"],
+        ["generate", "VIEWS", "--output", "OUT", "--view-weights", "1,-1"],
+        ["generate", "VIEWS", "--output", "OUT", "--fovy", "190"],
+        ["batch", "VIEWS", "--output", "OUT", "--jobs", "0"],
+    ],
+    ids=" ".join,
+)
+def test_bad_usage_is_one_line_and_status_2(pipeline, picture, tmp_path, capsys, words):
+    places = {"VIEWS": picture, "OUT": tmp_path / "out"}
+    assert run(*(places.get(word, word) for word in words)) == 2
+    only_line(capsys.readouterr().err)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_bug_keeps_its_traceback(pipeline, picture, tmp_path, monkeypatch):
+    from arm_blender import pipeline as module
+
+    monkeypatch.setattr(module, "generate", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        run("generate", picture, "--output", tmp_path / "out")
+
+
+def lines_of(text: str) -> dict[str, dict]:
+    return {Path(line["output"]).name: line for line in map(json.loads, text.splitlines())}
+
+
+@pytest.mark.parametrize("kind", ["txt", "csv", "json", "folder"])
+def test_batch_reads_every_kind_of_list(pipeline, tmp_path, capsys, kind):
+    items = tmp_path / "items"
+    items.mkdir()
+    a_picture(items / "a.png")
+    a_picture(items / "b.png")
+    path = tmp_path / f"list.{kind}"
+    if kind == "txt":
+        path.write_text("# two\nitems/a.png\n\nitems/b.png\n")
+    elif kind == "csv":
+        path.write_text("views,name,seed\nitems/a.png,,5\nitems/b.png,,\n")
+    elif kind == "json":
+        path.write_text(json.dumps(["items/a.png", {"views": "items/b.png", "seed": 4, "view_weights": [2]}]))
+    assert run("batch", items if kind == "folder" else path, "--output", tmp_path / "out") == 0
+    lines = lines_of(capsys.readouterr().out)
+    assert {name: line["status"] for name, line in lines.items()} == {"a": "done", "b": "done"}
+    assert is_whole(tmp_path / "out" / "a") and is_whole(tmp_path / "out" / "b")
+    assert [settings.seed for _, settings in pipeline] == {"csv": [5, 0], "json": [0, 4]}.get(kind, [0, 0])
+
+
+def test_one_bad_item_does_not_stop_the_rest(pipeline, tmp_path, capsys):
+    a_picture(tmp_path / "a.png")
+    (tmp_path / "b.png").write_text("no picture")
+    a_picture(tmp_path / "c.png")
+    (tmp_path / "list.txt").write_text("a.png\nb.png\nc.png\n")
+    assert run("batch", tmp_path / "list.txt", "--output", tmp_path / "out") == 1
+    captured = capsys.readouterr()
+    lines = lines_of(captured.out)
+    assert [lines[name]["status"] for name in "abc"] == ["done", "failed", "done"]
+    assert "b.png" in lines["b"]["error"] and "b.png" in only_line(captured.err)
+
+
+def test_items_of_one_name_do_not_overwrite_each_other(pipeline, tmp_path, capsys):
+    for folder in ("x", "y"):
+        (tmp_path / folder).mkdir()
+        a_picture(tmp_path / folder / "cup.png")
+    (tmp_path / "list.txt").write_text("x/cup.png\ny/cup.png\n")
+    assert run("batch", tmp_path / "list.txt", "--output", tmp_path / "out") == 0
+    assert sorted(lines_of(capsys.readouterr().out)) == ["cup", "cup-2"]
+
+
+def test_cancelling_mid_batch_leaves_only_whole_files(pipeline, tmp_path, capsys, monkeypatch):
+    """Interrupted while the second item's files are written; --resume then makes what is missing, and only that."""
+    from arm_blender import export
+
+    for name in "abc":
+        a_picture(tmp_path / f"{name}.png")
+    (tmp_path / "list.txt").write_text("a.png\nb.png\nc.png\n")
+    write_glb = export.write_glb
+
+    def interrupted(asset, path):
+        write_glb(asset, path)
+        if asset.name == "b":
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(export, "write_glb", interrupted)
+    batch = ["batch", tmp_path / "list.txt", "--output", tmp_path / "out"]
+    assert run(*batch) == INTERRUPTED
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["a"] and is_whole(tmp_path / "out" / "a")
+    only_line(capsys.readouterr().err)
+    monkeypatch.setattr(export, "write_glb", write_glb)
+    assert run(*batch, "--resume") == 0
+    lines = lines_of(capsys.readouterr().out)
+    assert [lines[name]["status"] for name in "abc"] == ["skipped", "done", "done"]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "word"),
+    [
+        ("list.json", "{}", "list.json: not a JSON list"),
+        ("list.json", "[", "list.json"),
+        ("list.json", '[{"name": "a"}]', "item 1: no views"),
+        ("list.csv", "views,colour\na.png,red\n", "colour"),
+        ("list.csv", "views,seed\na.png,red\n", "seed"),
+        ("list.csv", "views,name\na.png,../up\n", "plain file name"),
+        ("list.txt", "# nothing\n", "no items"),
+    ],
+)
+def test_a_bad_list_is_one_line(pipeline, tmp_path, capsys, name, text, word):
+    (tmp_path / name).write_text(text)
+    assert run("batch", tmp_path / name, "--output", tmp_path / "out") == 1
+    assert word in only_line(capsys.readouterr().err)
+
+
+def test_relight_without_blender_says_so(tmp_path, capsys):
+    (tmp_path / "cup.blend").touch()
+    words = ["--hdri", "forest", "--output", tmp_path / "out"]
+    assert run("relight", tmp_path / "cup.blend", *words) == 1
+    assert "bpy" in only_line(capsys.readouterr().err)
+    assert run("relight", tmp_path / "no.blend", *words) == 1
+    assert "no.blend" in only_line(capsys.readouterr().err)
+
+
+def test_doctor_and_weights_speak(capsys):
+    assert run("doctor") in (0, 1)
+    assert "torch" in capsys.readouterr().out
+    assert run("weights", "list") == 0
+    assert "small.georm" in capsys.readouterr().out
+    assert run("weights", "verify", "nonsense") == 1
+    assert "nonsense" in only_line(capsys.readouterr().err)
+
+
+def test_help_is_light_and_the_status_is_that_of_the_process():
+    """In a process of its own, as a user starts it."""
+    words = [sys.executable, "-X", "importtime", "-m", "arm_blender", "generate", "--help"]
+    done = subprocess.run(words, cwd=ROOT, env=dict(os.environ), capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and "--texture-size" in done.stdout
+    imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
+    assert "argparse" in imported and not imported & {"torch", "numpy", "bpy"}
+    words = [sys.executable, "-m", "arm_blender", "generate", "cup.png"]
+    done = subprocess.run(words, cwd=ROOT, env=dict(os.environ), capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and "--output" in only_line(done.stderr)

@@ -1,0 +1,162 @@
+"""Every format gives the same picture; what is no picture is refused in one line."""
+
+import struct
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+import torch
+from PIL import Image
+
+from arm_blender.errors import InputImageError, OutputError
+from arm_blender.graphics.color import linear_from_srgb, srgb_from_linear
+from arm_blender.views.image_io import MAXIMUM_SIDE, pictures_in, read_image, write_png
+
+
+@pytest.fixture
+def stored() -> np.ndarray:
+    """(H, W, 4) uint8 sRGB straight alpha, with colour under every alpha, 0 and 1 of 255 among them."""
+    pixels = np.random.default_rng(0).integers(0, 256, (24, 40, 4), dtype=np.uint8)
+    pixels[0, :3, 3] = (0, 1, 255)
+    return pixels
+
+
+@pytest.fixture
+def expected(stored) -> torch.Tensor:
+    pixels = torch.from_numpy(stored).permute(2, 0, 1) / 255.0
+    return torch.cat([linear_from_srgb(pixels[:3]), pixels[3:]])
+
+
+def write_by_oiio(path, pixels: np.ndarray, kind: str, **attributes) -> None:
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], kind)
+    for name, value in attributes.items():
+        spec.attribute(name.replace("__", ":"), value)
+    output = oiio.ImageOutput.create(str(path))
+    assert output.open(str(path), spec) and output.write_image(pixels) and output.close()
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.webp", "a.tif"])
+def test_lossless_formats_of_8_bits_agree_to_the_bit(tmp_path, stored, expected, name):
+    Image.fromarray(stored).save(tmp_path / name, lossless=True, exact=True)
+    torch.testing.assert_close(read_image(tmp_path / name), expected, atol=1e-6, rtol=0)
+
+
+def test_16_bits_agree_with_8(tmp_path, stored, expected):
+    write_by_oiio(tmp_path / "a.png", stored.astype(np.uint16) * 257, "uint16", oiio__UnassociatedAlpha=1)
+    torch.testing.assert_close(read_image(tmp_path / "a.png"), expected, atol=1e-6, rtol=0)
+
+
+def test_premultiplied_linear_exr_agrees(tmp_path, expected):
+    premultiplied = torch.cat([expected[:3] * expected[3:], expected[3:]]).permute(1, 2, 0).contiguous().numpy()
+    write_by_oiio(tmp_path / "a.exr", premultiplied, "float")
+    image = read_image(tmp_path / "a.exr")
+    seen = expected[3] > 0
+    torch.testing.assert_close(image[:, seen], expected[:, seen], atol=1e-5, rtol=0)
+    assert not image[:3, ~seen].any()
+
+
+def test_linear_hdr_and_jpeg_are_opaque_and_close(tmp_path):
+    ramp = np.repeat(np.linspace(0, 255, 64, dtype=np.uint8)[None, :, None], 32, axis=0).repeat(3, axis=2)
+    linear = linear_from_srgb(torch.from_numpy(ramp).permute(2, 0, 1) / 255.0)
+    write_by_oiio(tmp_path / "a.hdr", linear.permute(1, 2, 0).contiguous().numpy(), "float")
+    Image.fromarray(ramp).save(tmp_path / "a.jpg", quality=98)
+    for name in ("a.hdr", "a.jpg"):
+        image = read_image(tmp_path / name)
+        assert bool((image[3] == 1.0).all())
+        # RGBE has 8 bits of mantissa; a JPEG of high quality is off by a few levels.
+        torch.testing.assert_close(srgb_from_linear(image[:3]), srgb_from_linear(linear), atol=0.02, rtol=0)
+
+
+@pytest.mark.parametrize(("mode", "channels"), [("L", [0]), ("LA", [0, 3])])
+def test_grey_is_equal_in_all_channels(tmp_path, stored, expected, mode, channels):
+    Image.fromarray(stored[..., channels].squeeze(), mode).save(tmp_path / "a.png")
+    image = read_image(tmp_path / "a.png")
+    torch.testing.assert_close(image[:3], expected[:1].expand(3, -1, -1), atol=1e-6, rtol=0)
+    torch.testing.assert_close(image[3], expected[3] if mode == "LA" else torch.ones_like(expected[3]))
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_exif_orientation_is_honoured(tmp_path, orientation):
+    # Flat quarters survive JPEG; Pillow's own transposition is the independent twin.
+    pixels = np.zeros((32, 64, 3), dtype=np.uint8)
+    pixels[:16, :32], pixels[:16, 32:], pixels[16:, :32] = (255, 0, 0), (0, 255, 0), (0, 0, 255)
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    Image.fromarray(pixels).save(tmp_path / "a.jpg", exif=exif, quality=100, subsampling=0)
+    from PIL import ImageOps
+
+    upright = np.asarray(ImageOps.exif_transpose(Image.open(tmp_path / "a.jpg")))
+    expected = linear_from_srgb(torch.from_numpy(upright.copy()).permute(2, 0, 1) / 255.0)
+    torch.testing.assert_close(read_image(tmp_path / "a.jpg")[:3], expected, atol=0.02, rtol=0)
+
+
+def test_values_that_are_no_colour_are_clamped(tmp_path):
+    pixels = np.full((16, 16, 4), 0.5, dtype=np.float32)
+    pixels[0, 0], pixels[0, 1], pixels[0, 2] = np.nan, np.inf, (5.0, -1.0, 0.25, 1.0)
+    write_by_oiio(tmp_path / "a.exr", pixels, "float")
+    image = read_image(tmp_path / "a.exr")
+    assert bool(((image >= 0.0) & (image <= 1.0)).all())
+    assert image[:, 0, 2].tolist() == [1.0, 0.0, 0.25, 1.0]
+
+
+@pytest.mark.parametrize("suffix", ["png", "jpg", "exr", "webp"])
+def test_half_a_file_is_refused_without_noise(tmp_path, stored, suffix, capfd):
+    path = tmp_path / f"half.{suffix}"
+    if suffix == "exr":
+        write_by_oiio(path, stored.astype(np.float32), "half")
+    else:
+        Image.fromarray(stored if suffix != "jpg" else stored[..., :3]).save(path)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(InputImageError, match="half"):
+        read_image(path)
+    assert capfd.readouterr().err == ""
+
+
+def test_what_is_no_picture_is_refused(tmp_path):
+    (tmp_path / "text.png").write_text("not a picture")
+    (tmp_path / "empty.png").touch()
+    for name in ("text.png", "empty.png", "missing.png"):
+        with pytest.raises(InputImageError, match=name) as caught:
+            read_image(tmp_path / name)
+        assert "\n" not in str(caught.value)
+
+
+def test_a_giant_is_refused_before_it_is_decoded(tmp_path):
+    """The header of a PNG of 20 gigapixels, and nothing behind it."""
+    write_png(tmp_path / "small.png", torch.zeros(3, 16, 16), srgb=False)
+    data = bytearray((tmp_path / "small.png").read_bytes())
+    side = 20 * MAXIMUM_SIDE
+    data[16:24] = struct.pack(">II", side, side)
+    import zlib
+
+    data[29:33] = struct.pack(">I", zlib.crc32(bytes(data[12:29])))
+    (tmp_path / "giant.png").write_bytes(bytes(data))
+    with pytest.raises(InputImageError, match="giant.png"):
+        read_image(tmp_path / "giant.png")
+
+
+@pytest.mark.parametrize("channels", [1, 3, 4])
+@pytest.mark.parametrize("srgb", [True, False])
+def test_png_keeps_every_8_bit_value(tmp_path, channels, srgb):
+    """What other programs find in the file: sRGB codes for colour, the plain value for data."""
+    levels = torch.arange(256).view(1, 16, 16).expand(channels, -1, -1) / 255.0
+    image = torch.cat([linear_from_srgb(levels[:3]), levels[3:]]) if srgb else levels
+    write_png(tmp_path / "a.png", image, srgb=srgb)
+    found = np.asarray(Image.open(tmp_path / "a.png")).reshape(16, 16, channels)
+    assert (found == np.arange(256).reshape(16, 16, 1)).all()
+
+
+def test_a_png_that_cannot_be_written_leaves_nothing(tmp_path):
+    (tmp_path / "taken.png").mkdir()
+    with pytest.raises(OutputError, match="taken.png"):
+        write_png(tmp_path / "taken.png", torch.zeros(3, 4, 4), srgb=True)
+    with pytest.raises(OutputError, match="nowhere"):
+        write_png(tmp_path / "nowhere" / "a.png", torch.zeros(3, 4, 4), srgb=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["taken.png"]
+
+
+def test_pictures_are_listed_by_name_without_hidden_files(tmp_path):
+    for name in ("b.png", "a.JPG", ".c.png", "notes.txt"):
+        (tmp_path / name).touch()
+    (tmp_path / "d.png").mkdir()
+    assert [path.name for path in pictures_in(tmp_path)] == ["a.JPG", "b.png"]

@@ -1,0 +1,142 @@
+"""transforms.json: what is written is read back, three dialects agree, and errors name the file and the field."""
+
+import json
+import math
+
+import pytest
+import torch
+
+from arm_blender.errors import CameraError, InputImageError
+from arm_blender.graphics.cameras import Camera, orbit_camera
+from arm_blender.views.image_io import write_png
+from arm_blender.views.rigs import zero123plus_rig
+from arm_blender.views.transforms_json import read_transforms, write_transforms
+
+SIZE = 32
+IDENTITY = [[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 4], [0, 0, 0, 1]]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name in ("0.png", "1.png"):
+        write_png(tmp_path / name, torch.ones(4, SIZE, SIZE), srgb=True)
+    return tmp_path
+
+
+def write(folder, **fields):
+    fields = {"camera_angle_x": 0.5, "frames": [{"file_path": "0.png", "transform_matrix": IDENTITY}]} | fields
+    (folder / "transforms.json").write_text(json.dumps(fields))
+    return folder / "transforms.json"
+
+
+def cameras_of(path, width=SIZE, height=SIZE) -> list[Camera]:
+    return [frame.camera(width, height) for frame in read_transforms(path)]
+
+
+def same(a: Camera, b: Camera) -> bool:
+    return torch.equal(a.c2w, b.c2w) and torch.equal(a.K, b.K) and (a.width, a.height) == (b.width, b.height)
+
+
+@pytest.mark.parametrize("alike", [True, False])
+def test_a_round_trip_changes_no_bit(folder, alike):
+    cameras = [orbit_camera(30.0, 20.0, 4.0, 30.0, SIZE, SIZE), orbit_camera(77.7, -10.0, 2.5, 30.0, SIZE, SIZE)]
+    if not alike:
+        cameras[1] = cameras[1].cropped(-3, 5, SIZE, SIZE)
+    path = folder / "transforms.json"
+    write_transforms(path, ["0.png", "1.png"], cameras, [1.0, 0.25])
+    frames = read_transforms(path)
+    assert all(same(frame.camera(SIZE, SIZE), camera) for frame, camera in zip(frames, cameras, strict=True))
+    assert [frame.weight for frame in frames] == [1.0, 0.25]
+    assert [frame.image.name for frame in frames] == ["0.png", "1.png"]
+
+
+def test_the_dialects_agree(folder):
+    """NeRF-synthetic's angle, instant-ngp's pixels, and nerfstudio's pixels per frame describe one camera."""
+    focal = SIZE / (2.0 * math.tan(0.25))
+    pixels = {"fl_x": focal, "fl_y": focal, "cx": SIZE / 2, "cy": SIZE / 2, "w": SIZE, "h": SIZE}
+    frame = {"file_path": "./0", "transform_matrix": IDENTITY}
+    synthetic = cameras_of(write(folder, camera_angle_x=0.5, frames=[frame]))[0]
+    ngp = cameras_of(write(folder, **pixels, k1=0.0, aabb_scale=4))[0]
+    studio = {"camera_model": "OPENCV", "frames": [{"file_path": "0.png", "transform_matrix": IDENTITY[:3]} | pixels]}
+    nerfstudio = cameras_of(write(folder, camera_angle_x=None, **studio))[0]
+    for camera in (ngp, nerfstudio):
+        torch.testing.assert_close(camera.K, synthetic.K)
+        assert torch.equal(camera.c2w, synthetic.c2w)
+
+
+def test_a_frame_goes_before_the_file(folder):
+    frames = [
+        {"file_path": "0.png", "transform_matrix": IDENTITY},
+        {"file_path": "1.png", "transform_matrix": IDENTITY, "fl_x": 77.0, "fl_y": 66.0, "cx": 3.0},
+    ]
+    first, second = cameras_of(write(folder, fl_x=50.0, cy=9.0, frames=frames))
+    assert first.K.tolist() == [[50.0, 0.0, SIZE / 2], [0.0, 50.0, 9.0], [0.0, 0.0, 1.0]]
+    assert second.K.tolist() == [[77.0, 0.0, 3.0], [0.0, 66.0, 9.0], [0.0, 0.0, 1.0]]
+
+
+def test_intrinsics_follow_a_scaled_picture(folder):
+    path = write(folder, fl_x=100.0, fl_y=100.0, cx=30.0, cy=20.0, w=64, h=48)
+    camera = cameras_of(path, 32, 24)[0]
+    assert camera.K.tolist() == [[50.0, 0.0, 15.0], [0.0, 50.0, 10.0], [0.0, 0.0, 1.0]]
+    with pytest.raises(CameraError, match="64x48"):
+        cameras_of(path, 32, 32)
+
+
+@pytest.mark.parametrize(
+    ("fields", "word"),
+    [
+        ({"k1": 0.1}, "undistort"),
+        ({"camera_model": "OPENCV_FISHEYE"}, "undistort"),
+        ({"frames": []}, "frames"),
+        ({"frames": 3}, "frames"),
+        ({"frames": ["0.png"]}, "file_path"),
+        ({"frames": [{"transform_matrix": IDENTITY}]}, "file_path"),
+        ({"frames": [{"file_path": "0.png"}]}, "transform_matrix"),
+        ({"frames": [{"file_path": "0.png", "transform_matrix": [[1, 2], [3]]}]}, "transform_matrix"),
+        ({"frames": [{"file_path": "0.png", "transform_matrix": [["x"] * 4] * 4}]}, "transform_matrix"),
+        ({"frames": [{"file_path": "0.png", "transform_matrix": [[2.0, 0, 0, 0], *IDENTITY[1:]]}]}, "rigid"),
+        ({"frames": [{"file_path": "0.png", "transform_matrix": [[-1.0, 0, 0, 0], *IDENTITY[1:]]}]}, "rigid"),
+        ({"frames": [{"file_path": "0.png", "transform_matrix": IDENTITY, "weight": -1}]}, "weight"),
+        ({"frames": [{"file_path": "0.png", "transform_matrix": IDENTITY}] * 17}, "at most 16"),
+        ({"camera_angle_x": "wide"}, "camera_angle_x"),
+        ({"camera_angle_x": 30.0}, "radians"),
+        ({"camera_angle_x": None}, "camera_angle_x"),
+        ({"fl_x": -5.0}, "fl_x"),
+    ],
+)
+def test_an_error_names_the_file_and_the_field(folder, fields, word):
+    path = write(folder, **fields)
+    with pytest.raises(CameraError, match=word) as caught:
+        cameras_of(path)
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("file_path", ["../0.png", "/etc/hostname", "a/../../0.png", "..\\0.png", "link.png"])
+def test_a_picture_may_not_leave_the_folder(folder, file_path):
+    inner = folder / "inner"
+    inner.mkdir()
+    (inner / "link.png").symlink_to(folder / "0.png")
+    path = write(inner, frames=[{"file_path": file_path, "transform_matrix": IDENTITY}])
+    with pytest.raises(CameraError, match="leaves the folder"):
+        read_transforms(path)
+
+
+def test_what_is_missing_or_no_json_is_named(folder):
+    (folder / "broken.json").write_text('{"frames": [')
+    (folder / "bytes.json").write_bytes(b"\xff\xfe\x00")
+    for name in ("broken.json", "bytes.json", "missing.json"):
+        with pytest.raises(CameraError, match=name) as caught:
+            read_transforms(folder / name)
+        assert "\n" not in str(caught.value)
+    path = write(folder, frames=[{"file_path": "7", "transform_matrix": IDENTITY}])
+    with pytest.raises(InputImageError, match="frame 0"):
+        read_transforms(path)
+
+
+def test_the_rig_survives_a_round_trip(tmp_path):
+    names = [f"{index}.png" for index in range(6)]
+    for name in names:
+        write_png(tmp_path / name, torch.ones(4, SIZE, SIZE), srgb=True)
+    rig = zero123plus_rig(size=SIZE)
+    write_transforms(tmp_path / "transforms.json", names, rig)
+    assert all(same(a, b) for a, b in zip(cameras_of(tmp_path / "transforms.json"), rig, strict=True))
