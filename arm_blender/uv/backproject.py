@@ -28,7 +28,10 @@ class BackprojectConfig:
     depth_resolution: int = 640
     """Pixels of the z-buffer's longer side. Fewer blur what hides what; more cost time."""
     min_cosine: float = 0.2
-    """Views more grazing than this are ignored: there a pixel of error slides far along the surface."""
+    """Views more grazing than this are ignored where another sees the texel better: there a pixel of error slides far
+    along the surface."""
+    grazing_cosine: float = 0.1
+    """Views more grazing than this are ignored always. Larger leaves flat tops to in-painting; smaller smears."""
     min_alpha: float = 0.9
     """Pixels less opaque than this are background; lower lets the background's colour into the texture."""
     margin: float = 1.0 / 320.0
@@ -55,7 +58,7 @@ def backproject(
 ) -> TexelViews:
     """What each view says of each texel: its colour, where it is seen unoccluded, not grazing, inside the silhouette.
 
-    Close to an outline of its own surface a view is believed only where no view sees the texel better.
+    Close to an outline of its own surface, or grazing, a view is believed only where no view sees the texel better.
 
     Args:
         mesh: what hides the texels.
@@ -158,12 +161,12 @@ def _sight(
     camera: Camera,
     config: BackprojectConfig,
 ) -> tuple[Tensor, Tensor]:
-    """Points (P, 3) that a view sees, and those that it sees away from any outline; (P,) bool each.
+    """Points (P, 3) that a view sees, and those that it sees squarely enough and away from any outline; (P,) bool each.
 
     `steps` (P,) are the pixels that a texel covers.
     """
     facing = (normals * view_directions(points, camera)).sum(dim=1)
-    visible = facing >= config.min_cosine
+    visible = facing >= config.grazing_cosine
     margin = max(1.0, config.margin * camera.height)  # Pixels of the view.
     # A colour is read from pixels around the point: one away if bilinear, more from a mip level.
     typical = float(steps[visible].median()) if bool(visible.any()) else 1.0
@@ -177,12 +180,13 @@ def _sight(
         math.ceil((margin + reach) * sized.height / camera.height - 1e-3),
         config.depth_bias,
         config.slope_bias,
-        config.min_cosine,
+        config.grazing_cosine,
     )
     free &= visible
     opaque = opaque_pixels(image[3], config.min_alpha, math.ceil(margin - 1e-3))
     column, row = project(points, camera)[0].long().unbind(dim=1)
-    return free, free & inner & opaque[row.clamp(0, camera.height - 1), column.clamp(0, camera.width - 1)]
+    well = facing >= config.min_cosine
+    return free, free & well & inner & opaque[row.clamp(0, camera.height - 1), column.clamp(0, camera.width - 1)]
 
 
 def _agreement(colors: Tensor, trusted: Tensor, config: BlendConfig) -> Tensor:

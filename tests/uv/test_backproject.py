@@ -180,6 +180,21 @@ def test_a_thin_plate_shows_each_view_its_own_side() -> None:
         assert torch.equal(color[:, texel], torch.full((3, int(texel.sum())), value))
 
 
+def test_a_grazing_view_counts_only_where_no_other_sees_the_texel() -> None:
+    mesh = boxes(((0.0, 0.0, 0.0), 0.8))
+    # From 15 degrees the camera stands 0.75 above the top's plane and 5 to 6.6 away: a cosine of .11 to .15.
+    cameras = [orbit_camera(0.0, elevation, 6.0, 30.0, 256, 256) for elevation in (15.0, 60.0)]
+    views = render(mesh, cameras)
+    texels = texel_map(mesh, 96)
+    top = texels.normal[2] > 0.9
+    alone = backproject(mesh, texels, ViewSet(views.images[:1], views.cameras[:1], torch.ones(1), "alone"))
+    grazing = alone.visibility[0] & top
+    assert grazing.sum() > 0.8 * top.sum() and float(alone.cosine[0][grazing].max()) < 0.2
+    both = backproject(mesh, texels, views)
+    assert not (both.visibility[0] & both.visibility[1] & top).any()
+    assert (both.visibility[1] & top).sum() > 0.8 * top.sum()
+
+
 def conflicting(colors: list[float], cosines: list[float]) -> TexelViews:
     """One texel that every view sees, in grey."""
     count = len(colors)
