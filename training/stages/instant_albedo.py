@@ -21,7 +21,8 @@ from arm_blender.structures import TexelMap, TexelViews
 
 from ..datasets import atlases
 from ..datasets.atlases import Atlas
-from ..losses import ImageLossConfig, image_loss
+from ..losses import ImageLossConfig, Perceptual, image_loss
+from ..lpips import Lpips
 from ..trainer import Trainer, TrainerConfig
 
 logger = logging.getLogger(__name__)
@@ -38,7 +39,9 @@ class FitConfig:
     validate: int = 16
     """Held-out samples at most in a validation."""
     loss: ImageLossConfig = ImageLossConfig()
-    """Balance of the image loss; there is no perceptual term without weights for it."""
+    """Balance of the image loss."""
+    perceptual: Perceptual | None = None
+    """LPIPS where its weights are at hand; without it the loss has no perceptual term."""
 
 
 def fit(
@@ -80,18 +83,21 @@ def sample_loss(
     """Loss of the prediction, with gradient, and that of the blend of the views, which is what it must beat."""
     views = torch.randperm(len(atlas.uv), generator=random)[: settings.views]
     albedo, baked = model(atlas.images, atlas.texels, atlas.seen, atlas.base)
-    loss = atlas_loss(albedo, baked, atlas, views, settings.loss)
+    loss = atlas_loss(albedo, baked, atlas, views, settings)
     with torch.no_grad():
-        blend = atlas_loss(atlas.base, atlas.base, atlas, views, settings.loss)
+        blend = atlas_loss(atlas.base, atlas.base, atlas, views, settings)
     return loss, {"blend": float(blend)}
 
 
-def atlas_loss(albedo: Tensor, baked: Tensor, atlas: Atlas, views: Tensor, loss: ImageLossConfig) -> Tensor:
+def atlas_loss(albedo: Tensor, baked: Tensor, atlas: Atlas, views: Tensor, settings: FitConfig) -> Tensor:
     """The paper's L_albedo of two predicted textures (3, T, T), linear, over the truth views with these indices."""
     rows, columns = _window(atlas.mask[views])
     uv, mask = atlas.uv[views, rows, columns], atlas.mask[views, rows, columns]
     truth = (image[views, :, rows, columns] for image in (atlas.baked, atlas.albedo))
-    return sum(image_loss(render(x, uv), y, mask, loss) for x, y in zip((baked, albedo), truth, strict=True))
+    return sum(
+        image_loss(render(x, uv), y, mask, settings.loss, settings.perceptual)
+        for x, y in zip((baked, albedo), truth, strict=True)
+    )
 
 
 def _window(mask: Tensor) -> tuple[slice, slice]:
@@ -184,6 +190,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--minutes", type=float, default=25.0, help="of the whole fit; 0 only prepares")
     parser.add_argument("--size", type=int, default=192, help="texels a side of the prepared atlases")
     parser.add_argument("--views", type=int, default=FitConfig.views, help="truth views compared in a step")
+    parser.add_argument("--lpips", type=Path, help="weights of LPIPS (VGG); without them its term is left out")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--learning-rate", type=float, default=4e-4, help="the paper's")
 
@@ -196,5 +203,6 @@ def run(args: argparse.Namespace) -> int:
     if args.minutes > 0:
         # Adam without decay, as in the paper.
         config = TrainerConfig(minutes=args.minutes, learning_rate=args.learning_rate, weight_decay=0.0)
-        fit(args.cache, SMALL, args.output, config, args.seed, FitConfig(views=args.views))
+        settings = FitConfig(views=args.views, perceptual=Lpips.from_file(args.lpips) if args.lpips else None)
+        fit(args.cache, SMALL, args.output, config, args.seed, settings)
     return 0
