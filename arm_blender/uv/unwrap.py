@@ -57,7 +57,7 @@ def unwrap(mesh: TriangleMesh, config: UnwrapConfig, progress: Progress = silent
     Args:
         mesh: clean (`decimate.clean`) and of some ten thousand faces, or xatlas may run into the time limit.
         config: size, padding, limit.
-        progress: called at least ten times a second while xatlas works; what it raises stops xatlas at once.
+        progress: called every 0.05 s while xatlas works; what it raises stops xatlas at once.
     Raises:
         UnwrapError: the mesh has no faces, or vertices that are not finite.
     """
