@@ -68,7 +68,7 @@ def test_texels_lie_where_the_atlas_says() -> None:
         texel_map(mesh, 0)
 
 
-@pytest.mark.parametrize(("view_size", "texture_size"), [(320, 128), (160, 240), (512, 96)])
+@pytest.mark.parametrize(("view_size", "texture_size"), [(224, 128), (128, 200), (320, 96)])
 def test_backprojecting_a_render_recovers_the_texture(view_size: int, texture_size: int) -> None:
     mesh = boxes(((0.0, 0.0, 0.0), 0.9))
     texels = texel_map(mesh, texture_size)
