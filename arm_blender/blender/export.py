@@ -10,6 +10,7 @@ from ..errors import OutputError
 from ..files import whole_file
 from ..structures import RelightableAsset
 from .compat import reason, use_cycles, use_neutral_view
+from .console import without_chatter
 from .scene import build_object
 from .studio import add_camera, bounding_sphere, light_softly, temporary_scene
 
@@ -18,6 +19,7 @@ _SAMPLES = 64
 _RESOLUTION = 1024
 
 
+@without_chatter()
 def save_blend(asset: RelightableAsset, path: Path | str, settings: Mapping[str, object]) -> None:
     """Write a .blend that opens with the asset in a lit scene with a camera, ready to render; images are packed.
 

@@ -13,6 +13,7 @@ import numpy as np
 from ..errors import ArmError
 from ..structures import Progress, silent
 from .compat import reason, use_cycles, use_eevee, use_neutral_view, use_png
+from .console import without_chatter
 from .export import written_by_blender
 from .studio import add_camera, bounding_sphere, environment_path, light_by_environment, temporary_scene
 
@@ -48,6 +49,7 @@ class RelightConfig:
             raise ValueError(f"resolution, samples and turntable must be at least 1, got {self}")
 
 
+@without_chatter()
 def relight(
     source: bpy.types.Object | Path | str,
     environments: Sequence[Path | str],
@@ -89,6 +91,7 @@ def relight(
     return pictures
 
 
+@without_chatter()
 def preview(
     source: bpy.types.Object | Path | str,
     picture: Path | str,

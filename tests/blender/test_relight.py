@@ -127,6 +127,16 @@ def test_the_preview_is_a_sheet_on_an_even_backdrop(asset, tmp_path):
     assert np.abs(tiles[0] - tiles[1]).mean() > 0.01, "two environments differ"
 
 
+def test_nothing_but_the_callers_own_words_reaches_the_standard_output(asset, tmp_path, capfd):
+    print("before")
+    save_blend(asset, tmp_path / "ring.blend", {})
+    relight(tmp_path / "ring.blend", ["forest"], tmp_path / "out", TINY)
+    with pytest.raises(ArmError):
+        relight(tmp_path / "missing.glb", ["forest"], tmp_path / "out", TINY)
+    print("after")
+    assert capfd.readouterr().out == "before\nafter\n"
+
+
 def test_an_unknown_environment_names_those_that_there_are():
     with pytest.raises(InputImageError, match="moonbase.*forest.*sunset"):
         environment_path("moonbase")
