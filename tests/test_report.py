@@ -1,6 +1,8 @@
 """The report adds up, and its file is whole or absent."""
 
 import json
+import tomllib
+from pathlib import Path
 
 import pytest
 
@@ -8,6 +10,8 @@ from arm_blender import files
 from arm_blender.errors import OutputError
 from arm_blender.report import Report
 from arm_blender.version import VERSION
+
+ROOT = Path(__file__).parents[1]
 
 
 def test_stages_keep_their_order_and_add_up(monkeypatch):
@@ -54,3 +58,23 @@ def test_an_output_that_cannot_be_is_refused_before_anything_is_made(tmp_path):
         files.check_output(tmp_path / "file" / "deeper" / "out")
     files.check_output(tmp_path / "a" / "b")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_every_place_that_states_the_version_agrees():
+    manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
+    assert manifest["version"] == VERSION
+
+
+def test_every_dependency_is_pinned():
+    """What `make` installs covers what the package declares, each at one exact version."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    pins = {}
+    for name in ("requirements.txt", "requirements-dev.txt"):
+        for line in (ROOT / name).read_text(encoding="utf-8").splitlines():
+            if line and line[0] not in "#-":
+                package, _, version = line.partition("==")
+                pins[package.lower()] = version
+    assert all(pins.values())
+    extras = project["optional-dependencies"].values()
+    declared = [*project["dependencies"], *(entry for extra in extras for entry in extra)]
+    assert {entry.partition(">=")[0].lower() for entry in declared} == set(pins)

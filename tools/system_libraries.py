@@ -1,6 +1,6 @@
 """Makes sure of the system's libraries that bpy links and that no Python package brings. Standard library only.
 
-Names the one apt line for what is missing; as root on a Debian it runs that line. Status 1 where something stays missing.
+Names the one apt line for what is missing; as root on a Debian it runs that line. Status 1 where something still is.
 """
 
 import ctypes
