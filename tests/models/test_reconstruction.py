@@ -1,0 +1,140 @@
+"""GeoRM and GlossyRM: what must hold of any weights."""
+
+import dataclasses
+import math
+
+import pytest
+import torch
+from scipy.ndimage import distance_transform_edt
+
+from arm_blender.graphics.cameras import orbit_camera
+from arm_blender.models.georm import ISO_DENSITY, GeoRM
+from arm_blender.models.glossyrm import GlossyRM
+from arm_blender.models.image_encoder import ImageEncoderConfig
+from arm_blender.models.pixel_aligned import PixelAlignedConfig, hull_distance, signed_silhouette_distance
+from arm_blender.models.reconstruction import PAPER, SMALL, ReconstructionConfig, network_views
+from arm_blender.models.transformer import TransformerConfig
+from arm_blender.models.triplane import DecoderConfig, UpsamplerConfig, sample_planes
+from arm_blender.structures import ViewSet
+
+TINY = ReconstructionConfig(
+    encoder=ImageEncoderConfig(image_size=32, patch_size=8, position_grid=4, width=16, depth=1, heads=2),
+    transformer=TransformerConfig(width=16, layers=1, heads=2, grid=4),
+    upsampler=UpsamplerConfig(filters=8, blocks=1, growth=4, doublings=1, channels=4),
+    decoder=DecoderConfig(hidden_layers=2, hidden=16),
+    pixel_aligned=PixelAlignedConfig(channels=8, hidden=8, start_grid=4),
+)
+
+
+def ball_views(radius: float, size: int = 64, distance: float = 4.0, views: int = 6) -> ViewSet:
+    """Six views of a ball around the origin: its silhouette is a disc, by the tangent cone's half angle."""
+    cameras = tuple(orbit_camera(60 * i, (20, -10)[i % 2], distance, 40, size, size) for i in range(views))
+    disc = float(cameras[0].K[0, 0]) * math.tan(math.asin(radius / distance))
+    centers = torch.arange(size) + 0.5 - size / 2
+    alpha = (centers[:, None] ** 2 + centers[None] ** 2 <= disc**2).float()
+    images = torch.cat([torch.full((3, size, size), 0.4), alpha[None]]).expand(views, -1, -1, -1)
+    return ViewSet(images, cameras, torch.ones(views), "ball")
+
+
+@pytest.fixture(scope="module")
+def georm() -> GeoRM:
+    torch.manual_seed(0)
+    return GeoRM(TINY).eval()
+
+
+def points(count: int) -> torch.Tensor:
+    return torch.rand(1, count, 3, generator=torch.Generator().manual_seed(3)) * 2 - 1
+
+
+def reordered(views: ViewSet, order: list[int]) -> ViewSet:
+    return ViewSet(views.images[order], tuple(views.cameras[i] for i in order), views.weights[order], views.name)
+
+
+@torch.no_grad()
+def test_the_order_of_the_views_does_not_matter(georm):
+    views, p = ball_views(0.7), points(50)
+    shuffled = reordered(views, [3, 0, 5, 1, 4, 2])
+    plain = georm.occupancy_logit(georm.encode(network_views(views, TINY)), p)
+    again = georm.occupancy_logit(georm.encode(network_views(shuffled, TINY)), p)
+    assert torch.allclose(plain, again, atol=1e-4)
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("count", [1, 2, 6, 16])
+def test_any_number_of_views_gives_a_finite_density(georm, count):
+    encoded = georm.encode(network_views(ball_views(0.7, views=count), TINY))
+    density = georm.density(encoded, points(50))
+    assert density.shape == (1, 50) and bool(density.isfinite().all()) and bool((density >= 0).all())
+
+
+@torch.no_grad()
+def test_density_and_occupancy_agree_on_the_surface(georm):
+    encoded = georm.encode(network_views(ball_views(0.7), TINY))
+    inside = georm.occupancy_logit(encoded, points(500)) > 0
+    assert torch.equal(georm.density(encoded, points(500)) > ISO_DENSITY, inside)
+
+
+@torch.no_grad()
+def test_a_point_outside_every_frame_is_no_nan(georm):
+    encoded = georm.encode(network_views(ball_views(0.5, distance=1.05), TINY))
+    near_a_pinhole = torch.tensor([[[0.0, -1.0, 0.36], [1.0, 1.0, 1.0], [-1.0, -1.0, -1.0]]])
+    assert bool(georm.occupancy_logit(encoded, near_a_pinhole).isfinite().all())
+
+
+@torch.no_grad()
+def test_the_hull_distance_of_a_ball_is_its_signed_distance_in_front_of_a_camera(georm):
+    # At the depth of the origin the cone of a ball of radius r has radius r / cos(half angle).
+    radius, distance = 0.6, 4.0
+    encoded = georm.encode(network_views(ball_views(radius, size=256, distance=distance), TINY))
+    found = hull_distance(encoded.views, torch.zeros(1, 1, 3))[0, 0]
+    cone = radius / math.cos(math.asin(radius / distance))
+    assert float(found) == pytest.approx(cone, abs=0.02)
+
+
+def test_silhouette_distance_equals_scipys():
+    alpha = torch.rand(3, 40, 50, generator=torch.Generator().manual_seed(0)).round()
+    for ours, mask in zip(signed_silhouette_distance(alpha), alpha.numpy() > 0.5, strict=True):
+        inside, outside = distance_transform_edt(mask), distance_transform_edt(~mask)
+        truth = torch.from_numpy((inside - 0.5).clip(0) - (outside - 0.5).clip(0)).float()
+        assert torch.allclose(ours, truth, atol=1e-4)
+
+
+def test_planes_are_xy_xz_zy_with_the_first_coordinate_along_the_width():
+    ramp = torch.linspace(-1, 1, 64) * (64 - 1) / 64  # Texel centres of [-1, 1].
+    planes = ramp.expand(64, 64).view(1, 1, 1, 64, 64).expand(1, 3, 1, -1, -1)
+    found = sample_planes(planes, torch.tensor([[[0.1, 0.2, 0.3]]]))[0, 0]
+    assert torch.allclose(found, torch.tensor([0.1, 0.1, 0.3]), atol=1e-5)
+
+
+@torch.no_grad()
+def test_glossyrm_starts_from_georm_and_stays_in_range(georm):
+    glossy = GlossyRM(TINY)
+    glossy.load_geometry(georm.state_dict())
+    assert torch.equal(glossy.model.encoder.patch_embed.weight, georm.model.encoder.patch_embed.weight)
+    values = glossy(glossy.encode(network_views(ball_views(0.7), TINY)), points(20))
+    assert values.shape == (1, 20, 2) and bool(((values > 0) & (values < 1)).all())
+
+
+@torch.no_grad()
+def test_a_camera_changes_the_tokens_only_once_it_was_learnt():
+    torch.manual_seed(0)
+    plain = GeoRM(TINY).model.encoder.eval()
+    images, cameras = torch.rand(2, 3, 32, 32), torch.randn(2, 16)
+    assert torch.equal(plain(images, cameras), plain(images, cameras * 3))
+    torch.nn.init.normal_(plain.blocks[0].modulation[1].weight)
+    assert not torch.allclose(plain(images, cameras), plain(images, cameras * 3))
+
+
+def test_the_paper_preset_has_the_papers_table():
+    with torch.device("meta"):
+        model = GeoRM(PAPER).model
+    assert PAPER.encoder.width == 768 and PAPER.pixel_aligned is None
+    assert (PAPER.transformer.width, PAPER.transformer.layers, PAPER.transformer.heads) == (1024, 16, 16)
+    assert PAPER.transformer.grid * 2**PAPER.upsampler.doublings == 256
+    # 16 layers and norms of 263.7M were counted in the reference, which has a deconvolution of 0.3M more.
+    layers = sum(p.numel() for p in model.transformer.parameters())
+    assert layers == pytest.approx(263.7e6, rel=0.01)
+
+
+def test_both_presets_share_one_architecture():
+    assert {f.name for f in dataclasses.fields(SMALL)} == {f.name for f in dataclasses.fields(PAPER)}
