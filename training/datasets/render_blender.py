@@ -212,7 +212,7 @@ def render_views(entry: dict, data: Path, hdri: Path, output: Path, distance: fl
                 raise ArmError(f"{folder}: cannot write the views; is the disk full?")
             file.close()
     save_arrays(folder / "mesh.npz", {"vertices": vertices, "faces": faces.astype(np.int32)})
-    write_transforms(folder / "transforms.json", cameras, [f"{i:03d}.png" for i in range(len(cameras))])
+    write_transforms(folder / "transforms.json", [f"{i:03d}.png" for i in range(len(cameras))], cameras)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
