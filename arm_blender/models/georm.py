@@ -14,6 +14,10 @@ RAW_ISO = 1.0 + math.log(math.expm1(ISO_DENSITY))
 """The raw value whose density, softplus(raw - 1), is `ISO_DENSITY`."""
 
 
+HULL_REACH, HULL_DEPTH = 0.25, 0.04
+"""World units outside and inside of the visual hull over which it votes on the occupancy."""
+
+
 class GeoRM(nn.Module):
     """`encode` views once, then ask for the density anywhere in the box."""
 
@@ -31,7 +35,11 @@ class GeoRM(nn.Module):
         Close to the surface this is about the signed distance in training's units, so that linear interpolation along
         grid edges is accurate; the density itself, softplus of it, bends there.
         """
-        return self.model.decode(encoded, points).squeeze(-1)
+        raw, hull = self.model.decode(encoded, points)
+        if hull is None:
+            return raw.squeeze(-1)
+        # Outside of the hull there is nothing; inside, learning decides, so the hull's vote there is weak.
+        return raw.squeeze(-1) + self.config.pixel_aligned.hull_gain * hull.clamp(-HULL_REACH, HULL_DEPTH)
 
     def density(self, encoded: EncodedViews, points: Tensor) -> Tensor:
         """(B, P) volume density >= 0 at world points (B, P, 3); `ISO_DENSITY` on the surface."""

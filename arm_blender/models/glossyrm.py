@@ -21,7 +21,7 @@ class GlossyRM(nn.Module):
 
     def forward(self, encoded: EncodedViews, points: Tensor) -> Tensor:
         """(B, P, 2) roughness and metallic in (0, 1) at world points (B, P, 3)."""
-        return self.model.decode(encoded, points).sigmoid()
+        return self.model.decode(encoded, points)[0].sigmoid()
 
     def load_geometry(self, weights: dict[str, Tensor]) -> None:
         """Start from GeoRM's weights: all but the decoder's last layer, whose outputs mean something else."""

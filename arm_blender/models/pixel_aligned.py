@@ -2,8 +2,10 @@
 
 Not in the paper. A triplane alone learns where things are from millions of images; a small network on a CPU gets it
 from projection. For each view a point finds the image features, the coverage and the signed distance to the silhouette
-there; the views are pooled so that their number and order do not matter. What the views disagree on (the variance)
-tells free space from surface, and the smallest silhouette distance is the visual hull: a start that learning carves.
+there, and how far it lies in front of the surface that the view itself seems to show (a depth predicted for each pixel
+and supervised in training). The views are pooled so that their number and order do not matter. What they disagree on
+(the variance) tells free space from surface, and the smallest silhouette distance is the visual hull: a start that
+learning carves.
 """
 
 from dataclasses import dataclass
@@ -19,6 +21,9 @@ class PixelAlignedConfig:
     """Of the convolutional features at half of the image's resolution."""
     hidden: int = 48
     """Of the network that reads a point in one view, and of each pooled feature."""
+    hull_gain: float = 50.0
+    """Occupancy logits for each world unit outside of the visual hull, or (a little way) inside: where learning starts.
+    About 1 / temperature of the occupancy warm-up; 0 leaves the hull to be learnt from the features."""
     start_grid: int = 16
     """Points a side of the coarse volume that the plane tokens start from."""
 
@@ -29,12 +34,14 @@ class ViewFeatures:
 
     Attributes:
         maps: (B, V, C, h, w) image features.
+        depth: (B, V, 1, h, w) predicted depth of the visible surface beyond the origin's, world units.
         silhouette: (B, V, 2, H, W) coverage in [0, 1] and signed distance to the silhouette, pixels, inside positive.
         c2w: (B, V, 4, 4).
         K: (B, V, 3, 3) pixels of an image of H x W.
     """
 
     maps: Tensor
+    depth: Tensor
     silhouette: Tensor
     c2w: Tensor
     K: Tensor
@@ -83,11 +90,13 @@ class ResidualConv(nn.Module):
 
 
 class FeaturePyramid(nn.Module):
-    """Image and coverage to features at half resolution, with the tokens of the image encoder mixed in at a quarter."""
+    """A view to features and depth at half resolution; the image encoder's tokens join at a quarter."""
+
+    INPUTS = 6
 
     def __init__(self, channels: int, token_width: int) -> None:
         super().__init__()
-        self.to_half = nn.Sequential(nn.Conv2d(4, channels, 3, stride=2, padding=1), ResidualConv(channels))
+        self.to_half = nn.Sequential(nn.Conv2d(self.INPUTS, channels, 3, stride=2, padding=1), ResidualConv(channels))
         self.to_quarter = nn.Sequential(
             nn.Conv2d(channels, 2 * channels, 3, stride=2, padding=1),
             ResidualConv(2 * channels),
@@ -97,14 +106,25 @@ class FeaturePyramid(nn.Module):
         self.merge = nn.Sequential(
             ResidualConv(2 * channels), nn.ReLU(), nn.Conv2d(2 * channels, channels, 3, padding=1)
         )
+        self.to_depth = nn.Sequential(ResidualConv(channels), nn.ReLU(), nn.Conv2d(channels, 1, 1))
 
-    def forward(self, images: Tensor, tokens: Tensor) -> Tensor:
-        """(B, C, H/2, W/2) from images (B, 4, H, W) and tokens (B, D, h, w)."""
+    def forward(self, images: Tensor, tokens: Tensor) -> tuple[Tensor, Tensor]:
+        """Features (B, C, H/2, W/2) and depth (B, 1, H/2, W/2).
+
+        Args:
+            images: (B, 6, H, W) colour, coverage, silhouette distance and size of a pixel in world units.
+            tokens: (B, D, h, w).
+        """
         half = self.to_half(images)
         quarter = self.to_quarter(F.relu(half))
         tokens = F.interpolate(self.from_tokens(tokens), size=quarter.shape[-2:], mode="bilinear", align_corners=False)
         merged = self.merge(quarter + tokens)
-        return half + F.interpolate(merged, size=half.shape[-2:], mode="bilinear", align_corners=False)
+        features = half + F.interpolate(merged, size=half.shape[-2:], mode="bilinear", align_corners=False)
+        return features, self.to_depth(features)
+
+
+GEOMETRY = 14
+"""Numbers of `Lookup.geometry`."""
 
 
 @dataclass(frozen=True)
@@ -113,8 +133,9 @@ class Lookup:
 
     Attributes:
         features: (B, V, P, C) of the images.
-        geometry: (B, V, P, 11) coverage, silhouette distance at three scales, whether framed, depth beyond the origin's
-            at two scales, direction to the camera, size of a pixel.
+        geometry: (B, V, P, GEOMETRY) coverage, silhouette distance at three scales, whether framed, depth beyond the
+            origin's at two scales, size of a pixel, how far in front of the view's surface at three scales, direction
+            to the camera.
         framed: (B, V, P) 1 where the view frames the point, else 0.
         distance: (B, V, P) signed silhouette distance, world units at the point's depth; a positive constant where
             unframed: such a view says neither inside nor outside.
@@ -143,10 +164,13 @@ def look_up(views: ViewFeatures, points: Tensor) -> Lookup:
         found = F.grid_sample(maps.flatten(0, 1), taps, padding_mode="border", align_corners=False)
         return found.squeeze(-1).transpose(1, 2).unflatten(0, (batch, -1))  # (B, V, P, C)
 
+    found = sampled(torch.cat([views.maps, views.depth], dim=2))
+    features, surface = found[..., :-1], found[..., -1]
     coverage, pixels = sampled(views.silhouette).unbind(-1)
     framed = ((grid.abs().amax(dim=-1) <= 1.0) & (depth > 0.05)).float()
     distance = torch.where(framed > 0, pixels * near / focal, 0.5)
     offset = depth - views.c2w[..., :3, 3].norm(dim=-1, keepdim=True)
+    ahead = surface - offset
     direction = F.normalize(-local, dim=-1) @ rotation.transpose(-1, -2)
     scalars = torch.stack(
         [
@@ -158,10 +182,13 @@ def look_up(views: ViewFeatures, points: Tensor) -> Lookup:
             offset,
             (offset / 0.2).tanh(),
             near / focal * 50.0,
+            ahead,
+            (ahead / 0.04).tanh(),
+            (ahead / 0.2).tanh(),
         ],
         dim=-1,
     )
-    return Lookup(sampled(views.maps), torch.cat([scalars, direction], dim=-1), framed, distance)
+    return Lookup(features, torch.cat([scalars, direction], dim=-1), framed, distance)
 
 
 def hull_distance(views: ViewFeatures, points: Tensor) -> Tensor:
@@ -172,19 +199,20 @@ def hull_distance(views: ViewFeatures, points: Tensor) -> Tensor:
 class PointReader(nn.Module):
     """Reads points in all views and pools what it finds."""
 
-    EXTRA = 11
-
     def __init__(self, config: PixelAlignedConfig) -> None:
         super().__init__()
+        hidden = config.hidden
         self.per_view = nn.Sequential(
-            nn.Linear(config.channels + self.EXTRA, config.hidden),
+            nn.Linear(config.channels + GEOMETRY, hidden),
             nn.ReLU(),
-            nn.Linear(config.hidden, config.hidden + 1),
+            nn.Linear(hidden, hidden),
+            nn.ReLU(),
+            nn.Linear(hidden, hidden + 1),
         )
-        self.outputs = 2 * config.hidden + config.channels + 6
+        self.outputs = 2 * hidden + config.channels + 7
 
-    def forward(self, views: ViewFeatures, points: Tensor) -> Tensor:
-        """(B, P, outputs) from world points (B, P, 3)."""
+    def forward(self, views: ViewFeatures, points: Tensor) -> tuple[Tensor, Tensor]:
+        """Features (B, P, outputs) of world points (B, P, 3), and their hull distance (B, P) as `hull_distance`."""
         seen = look_up(views, points)
         read = self.per_view(torch.cat([seen.features, seen.geometry], dim=-1))
         value, score = F.relu(read[..., :-1]), read[..., -1:]
@@ -192,6 +220,7 @@ class PointReader(nn.Module):
         mean = (weight * value).sum(dim=1)
         average = (weight * seen.features).sum(dim=1)
         variance = (weight * (seen.features - average.unsqueeze(1)) ** 2).sum(dim=1)
-        hull = seen.distance.amin(dim=1).unsqueeze(-1)
-        point = torch.cat([(hull / 0.03).tanh(), (hull / 0.15).tanh(), (hull / 0.5).tanh(), points], dim=-1)
-        return torch.cat([mean, value.amax(dim=1), variance, point], dim=-1)
+        hull = seen.distance.amin(dim=1)
+        scales = [(hull / 0.03).tanh(), (hull / 0.15).tanh(), (hull / 0.5).tanh(), seen.framed.sum(dim=1) / 6.0]
+        point = torch.cat([torch.stack(scales, dim=-1), points], dim=-1)
+        return torch.cat([mean, value.amax(dim=1), variance, point], dim=-1), hull

@@ -138,8 +138,16 @@ class ReconstructionModel(nn.Module):
     def view_features(self, views: NetworkViews, images: Tensor, tokens: Tensor) -> ViewFeatures:
         grid = images.shape[-1] // self.config.encoder.patch_size
         patches = tokens[:, 1:].transpose(1, 2).unflatten(-1, (grid, grid))
-        maps = self.pyramid(images, patches).unflatten(0, views.images.shape[:2])
-        return ViewFeatures(maps, views.silhouette, views.c2w, views.K)
+        # At the origin's depth: how long a pixel is, and with it the silhouette distance, in world units.
+        length = views.c2w[..., :3, 3].norm(dim=-1) / views.K[..., 0, 0]
+        length = length.flatten()[:, None, None, None]
+        pixels = F.interpolate(
+            views.silhouette[:, :, 1:].flatten(0, 1), size=images.shape[-2:], mode="bilinear", align_corners=False
+        )
+        metric = torch.cat([(pixels * length / 0.2).tanh(), (50.0 * length).expand_as(pixels)], dim=1)
+        maps, depth = self.pyramid(torch.cat([images, metric], dim=1), patches)
+        shape = views.images.shape[:2]
+        return ViewFeatures(maps.unflatten(0, shape), depth.unflatten(0, shape), views.silhouette, views.c2w, views.K)
 
     def starting_tokens(self, views: ViewFeatures) -> Tensor:
         """Features read on a coarse volume, mean and maximum along each plane's normal: (B, 3 * R * R, D)."""
@@ -148,7 +156,7 @@ class ReconstructionModel(nn.Module):
         axis = (torch.arange(grid, device=views.maps.device) + 0.5) / grid * 2.0 - 1.0
         z, y, x = torch.meshgrid(axis, axis, axis, indexing="ij")
         points = torch.stack([x, y, z], dim=-1).reshape(1, -1, 3).expand(batch, -1, -1)
-        volume = self.reader(views, points).reshape(batch, grid, grid, grid, -1)  # (B, z, y, x, C)
+        volume = self.reader(views, points)[0].reshape(batch, grid, grid, grid, -1)  # (B, z, y, x, C)
         columns = [
             torch.cat([v.mean(dim=axis), v.amax(dim=axis)], dim=-1)  # Rows are the plane's second coordinate.
             for v, axis in ((volume, 1), (volume, 2), (volume.transpose(1, 2), 3))
@@ -157,9 +165,16 @@ class ReconstructionModel(nn.Module):
         tokens = F.interpolate(tokens, size=(self.config.transformer.grid,) * 2, mode="bilinear", align_corners=False)
         return self.start(tokens.flatten(2).transpose(1, 2)).reshape(batch, -1, self.config.transformer.width)
 
-    def decode(self, encoded: EncodedViews, points: Tensor) -> Tensor:
-        """(B, P, outputs) raw values at world points (B, P, 3)."""
+    def decode(self, encoded: EncodedViews, points: Tensor) -> tuple[Tensor, Tensor | None]:
+        """Raw values at world points.
+
+        Args:
+            points: (B, P, 3).
+        Returns:
+            (B, P, outputs), and the points' hull distance (B, P) where the configuration is pixel-aligned.
+        """
         features = sample_planes(encoded.planes, points)
-        if encoded.views:
-            features = torch.cat([features, self.reader(encoded.views, points)], dim=-1)
-        return self.decoder(features)
+        if encoded.views is None:
+            return self.decoder(features), None
+        read, hull = self.reader(encoded.views, points)
+        return self.decoder(torch.cat([features, read], dim=-1)), hull

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn import functional as F
 
 from arm_blender.graphics.cameras import unproject
 from arm_blender.graphics.color import linear_from_srgb
@@ -36,6 +37,7 @@ class PointSample:
         points: (P, 3) float16 world.
         target: (P, K) float16: signed distance (K = 1), or roughness and metallic (K = 2).
         solid: (P,) bool: on or in the object, so that it must stay in the box.
+        depth: (1, 6, h, w) float16 of the visible surface beyond the origin's, world units; infinity is background.
         zero123plus: the rig is the Zero123++ one, turned about Z.
     """
 
@@ -43,6 +45,7 @@ class PointSample:
     points: Tensor
     target: Tensor
     solid: Tensor
+    depth: Tensor
     zero123plus: bool
 
     @property
@@ -53,10 +56,11 @@ class PointSample:
 
 def load_occupancy(path: Path) -> PointSample:
     """Signed distances around the object of one `rig_<k>.npz`."""
-    views, _, zero123plus = _input_views(path)
+    views, arrays, zero123plus = _input_views(path)
     occupancy = np.load(path.with_name("occupancy.npz"))
     points, distance = torch.from_numpy(occupancy["points"]), torch.from_numpy(occupancy["distance"])
-    return PointSample(views, points, distance[:, None], distance > -0.02, zero123plus)
+    solid = distance > -0.02
+    return PointSample(views, points, distance[:, None], solid, _input_depth(arrays), zero123plus)
 
 
 def load_gloss(path: Path) -> PointSample:
@@ -74,7 +78,7 @@ def load_gloss(path: Path) -> PointSample:
     points, target = torch.cat(points), torch.cat(target)
     chosen = torch.randperm(len(points), generator=torch.Generator().manual_seed(0))[:GLOSS_POINTS]
     solid = torch.ones(len(chosen), dtype=torch.bool)
-    return PointSample(views, points[chosen].half(), target[chosen].half(), solid, zero123plus)
+    return PointSample(views, points[chosen].half(), target[chosen].half(), solid, _input_depth(arrays), zero123plus)
 
 
 def _input_views(path: Path) -> tuple[NetworkViews, dict[str, np.ndarray], bool]:
@@ -89,6 +93,15 @@ def _input_views(path: Path) -> tuple[NetworkViews, dict[str, np.ndarray], bool]
     alternating = all(abs(e - (20.0, -10.0)[i % 2]) < 0.5 for i, e in enumerate(elevations))
     compact = NetworkViews((views.images * 255.0).round().byte(), views.silhouette.half(), views.c2w, views.K)
     return compact, arrays, alternating
+
+
+def _input_depth(arrays: dict[str, np.ndarray]) -> Tensor:
+    """(1, 6, h, w) depth of the input views beyond the origin's, at the resolution of the network's features."""
+    depth = torch.from_numpy(arrays["depth"][:6].astype(np.float32))
+    depth = depth - torch.from_numpy(arrays["c2w"][:6, :3, 3]).norm(dim=1)[:, None, None]
+    # Nearest: between the object and infinity there is nothing to interpolate.
+    side = SMALL.encoder.image_size // 2
+    return F.interpolate(depth[None], size=(side, side), mode="nearest-exact").half()
 
 
 def expanded(views: NetworkViews) -> NetworkViews:
@@ -109,54 +122,77 @@ def rotation_z(angle: float) -> Tensor:
     return torch.tensor([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 
-def augmented(sample: PointSample, count: int, generator: torch.Generator) -> tuple[NetworkViews, Tensor, Tensor]:
-    """The object turned about Z, scaled, mirrored and exposed at random, and `count` of its points.
+@dataclass(frozen=True)
+class Batch:
+    """What a step sees: B objects, augmented.
 
-    Returns:
-        views (B = 1), points (count, 3) in the new frame, target (count, K) as stored but for distances, which scale.
+    Attributes:
+        views: V views of each.
+        points: (B, P, 3) world.
+        target: (B, P, K) as in `PointSample`.
+        depth: (B, V, h, w) as in `PointSample`.
     """
+
+    views: NetworkViews
+    points: Tensor
+    target: Tensor
+    depth: Tensor
+
+
+def augmented(sample: PointSample, count: int, generator: torch.Generator) -> Batch:
+    """The object turned about Z, scaled, mirrored and exposed at random, and `count` of its points; B = 1."""
 
     def uniform(low: float, high: float) -> float:
         return low + (high - low) * float(torch.rand((), generator=generator))
 
-    c2w, K = sample.views.c2w.clone(), sample.views.K.clone()
     views = expanded(sample.views)
-    images, silhouette = views.images, views.silhouette
+    c2w, K, images, silhouette, depth = views.c2w, views.K, views.images, views.silhouette, sample.depth.float()
     turn = uniform(0.0, 2.0 * math.pi)
     if sample.zero123plus and uniform(0.0, 1.0) < 0.6:
         # Users' rigs stand at 30, 90, ... degrees; this sample's rig is turned by what brings it there.
         eye = c2w[0, 0, :3, 3]
         turn = math.radians(30.0) - math.atan2(float(eye[0]), -float(eye[1]))
-    rotation = rotation_z(turn)
-    points = sample.points[sample.solid].float() @ rotation.T
-    scale = min(1.0, 0.99 / float(points.abs().amax())) * uniform(0.75, 1.0)
     motion = torch.eye(4)
-    motion[:3, :3] = rotation
+    motion[:3, :3] = rotation_z(turn)
+    turned = sample.points[sample.solid].float() @ motion[:3, :3].T
+    scale = min(1.0, 0.99 / float(turned.abs().amax())) * uniform(0.75, 1.0)
     c2w = motion @ c2w
     c2w[..., :3, 3] *= scale
     chosen = torch.randint(len(sample.points), (count,), generator=generator)
-    points = sample.points[chosen].float() @ rotation.T * scale
+    points = sample.points[chosen].float() @ motion[:3, :3].T * scale
     target = sample.target[chosen].float()
     if target.shape[1] == 1:
-        target = target * scale
+        target = target * scale  # A distance.
     if uniform(0.0, 1.0) < 0.5 and not sample.zero123plus:
         mirror = torch.diag(torch.tensor([-1.0, 1.0, 1.0, 1.0]))
         c2w, points = mirror @ c2w @ mirror, points * torch.tensor([-1.0, 1.0, 1.0])
-        images, silhouette = images.flip(-1), silhouette.flip(-1)
+        images, silhouette, depth, K = images.flip(-1), silhouette.flip(-1), depth.flip(-1), K.clone()
         K[..., 0, 2] = silhouette.shape[-1] - K[..., 0, 2]
     exposure = uniform(0.7, 1.3)
     color, alpha = images[:, :, :3], images[:, :, 3:]
     color = torch.where(alpha > 0.02, (color * exposure).clamp(0.0, 1.0), color)
-    return NetworkViews(torch.cat([color, alpha], dim=2), silhouette, c2w, K), points, target
+    moved = NetworkViews(torch.cat([color, alpha], dim=2), silhouette, c2w, K)
+    return Batch(moved, points[None], target[None], depth * scale)
 
 
-def batched(samples: list[tuple[NetworkViews, Tensor, Tensor]], keep: Tensor) -> tuple[NetworkViews, Tensor, Tensor]:
+def batched(samples: list[Batch], keep: Tensor) -> Batch:
     """Stack samples, keeping only the views of index `keep`."""
     parts = [
-        torch.cat([getattr(views, name)[:, keep] for views, _, _ in samples])
+        torch.cat([getattr(sample.views, name)[:, keep] for sample in samples])
         for name in ("images", "silhouette", "c2w", "K")
     ]
-    return NetworkViews(*parts), torch.stack([p for _, p, _ in samples]), torch.stack([t for _, _, t in samples])
+    points, target = torch.cat([s.points for s in samples]), torch.cat([s.target for s in samples])
+    return Batch(NetworkViews(*parts), points, target, torch.cat([s.depth[:, keep] for s in samples]))
+
+
+def depth_loss(predicted: Tensor, truth: Tensor) -> Tensor:
+    """Mean absolute error over the object's pixels, world units: the paper's depth term, for what the views show.
+
+    Args:
+        predicted: (B, V, 1, h, w). truth: (B, V, h, w), infinity is background.
+    """
+    seen = truth.isfinite()
+    return (predicted[:, :, 0] - truth)[seen].abs().clamp(max=1.0).mean() if bool(seen.any()) else predicted.sum() * 0.0
 
 
 def is_held_out(path: Path) -> bool:

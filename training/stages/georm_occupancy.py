@@ -19,7 +19,16 @@ from arm_blender.models.georm import GeoRM
 from arm_blender.models.pixel_aligned import hull_distance
 from arm_blender.models.reconstruction import SMALL
 
-from ..datasets.point_samples import PointSample, SampleCache, augmented, batched, drop_views, expanded, load_occupancy
+from ..datasets.point_samples import (
+    PointSample,
+    SampleCache,
+    augmented,
+    batched,
+    depth_loss,
+    drop_views,
+    expanded,
+    load_occupancy,
+)
 from ..trainer import Trainer, TrainerConfig
 
 logger = logging.getLogger(__name__)
@@ -27,10 +36,25 @@ logger = logging.getLogger(__name__)
 TEMPERATURE = 0.02
 """World units a logit. Smaller sharpens the surface and starves far points of gradient."""
 
+UNDECIDED = 3.0
+"""Additional weight of points in the hull, away from the surface."""
 
-def occupancy_loss(logit: Tensor, distance: Tensor) -> Tensor:
-    """Binary cross-entropy against the soft occupancy; its minimum is logit = distance / temperature."""
-    return F.binary_cross_entropy_with_logits(logit, torch.sigmoid(distance / TEMPERATURE))
+DEPTH_WEIGHT = 0.5
+"""The paper's lambda_z, on the depth that each view predicts."""
+
+
+def occupancy_loss(logit: Tensor, distance: Tensor, hull: Tensor) -> Tensor:
+    """Binary cross-entropy against the soft occupancy; its minimum is logit = distance / temperature.
+
+    Points that lie in the visual hull and away from the surface weigh more: whether they are solid or carved is what
+    the views' outlines do not say.
+
+    Args:
+        logit, distance, hull: (B, P); distances in world units, positive inside.
+    """
+    error = F.binary_cross_entropy_with_logits(logit, torch.sigmoid(distance / TEMPERATURE), reduction="none")
+    weight = 1.0 + UNDECIDED * ((hull > 0.0) & (distance.abs() > 1.5 * TEMPERATURE))
+    return (weight * error).sum() / weight.sum()
 
 
 def intersection_over_union(predicted: Tensor, truth: Tensor) -> float:
@@ -75,9 +99,13 @@ def run(args: argparse.Namespace) -> int:
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
         samples.refresh()
         picks = [samples.draw(generator) for _ in range(args.batch)]
-        views, points, distance = batched([augmented(s, args.points, generator) for s in picks], drop_views(generator))
-        logit = model.occupancy_logit(model.encode(views), points)
-        return occupancy_loss(logit, distance[..., 0]), {}
+        batch = batched([augmented(s, args.points, generator) for s in picks], drop_views(generator))
+        encoded = model.encode(batch.views)
+        with torch.no_grad():
+            hull = hull_distance(encoded.views, batch.points)
+        occupancy = occupancy_loss(model.occupancy_logit(encoded, batch.points), batch.target[..., 0], hull)
+        depth = depth_loss(encoded.views.depth, batch.depth)
+        return occupancy + DEPTH_WEIGHT * depth, {"occupancy": float(occupancy.detach()), "depth": float(depth.detach())}
 
     averaged = trainer.run(step, lambda m: validate(m, samples.held_out))
     checkpoints.save(args.output, averaged.state_dict(), SMALL, name="small.georm")

@@ -16,10 +16,21 @@ from arm_blender import checkpoints
 from arm_blender.models.glossyrm import GlossyRM
 from arm_blender.models.reconstruction import SMALL, ReconstructionConfig
 
-from ..datasets.point_samples import PointSample, SampleCache, augmented, batched, drop_views, expanded, load_gloss
+from ..datasets.point_samples import (
+    PointSample,
+    SampleCache,
+    augmented,
+    batched,
+    depth_loss,
+    drop_views,
+    expanded,
+    load_gloss,
+)
 from ..trainer import Trainer, TrainerConfig
 
 logger = logging.getLogger(__name__)
+
+DEPTH_WEIGHT = 0.1
 
 
 @torch.no_grad()
@@ -64,8 +75,14 @@ def run(args: argparse.Namespace) -> int:
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
         samples.refresh()
         picks = [samples.draw(generator) for _ in range(args.batch)]
-        views, points, truth = batched([augmented(s, args.points, generator) for s in picks], drop_views(generator))
-        return F.mse_loss(model(model.encode(views), points), truth), {}
+        batch = batched([augmented(s, args.points, generator) for s in picks], drop_views(generator))
+        encoded = model.encode(batch.views)
+        gloss, depth = (
+            F.mse_loss(model(encoded, batch.points), batch.target),
+            depth_loss(encoded.views.depth, batch.depth),
+        )
+        # The depth keeps what GeoRM has learnt of where the surface is.
+        return gloss + DEPTH_WEIGHT * depth, {"gloss": float(gloss.detach()), "depth": float(depth.detach())}
 
     averaged = trainer.run(step, lambda m: validate(m, samples.held_out, constant))
     checkpoints.save(args.output, averaged.state_dict(), SMALL, name="small.glossyrm")
