@@ -74,7 +74,8 @@ def decimate(mesh: TriangleMesh, faces: int) -> TriangleMesh:
 def smooth(mesh: TriangleMesh, steps: int) -> TriangleMesh:
     """The mesh after `steps` pairs of a smoothing and a swelling step, which flatten stairs and do not shrink it.
 
-    Five are enough for the stairs of a nearly binary density; every further ten swell a ball by some 0.15 % of its volume.
+    Five are enough for the stairs of a nearly binary density; every further ten swell a ball by some 0.15 % of its
+    volume.
 
     Taubin, "A signal processing approach to fair surface design" (SIGGRAPH 1995), with lambda 0.5 and mu -0.53.
     """
