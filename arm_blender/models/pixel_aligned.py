@@ -14,6 +14,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+from .visual_hull import Outlines
+
 
 @dataclass(frozen=True)
 class PixelAlignedConfig:
@@ -35,48 +37,12 @@ class ViewFeatures:
     Attributes:
         maps: (B, V, C, h, w) image features.
         depth: (B, V, 1, h, w) predicted depth of the visible surface beyond the origin's, world units.
-        silhouette: (B, V, 2, H, W) coverage in [0, 1] and signed distance to the silhouette, pixels, inside positive.
-        c2w: (B, V, 4, 4).
-        K: (B, V, 3, 3) pixels of an image of H x W.
+        outlines: of the views, where points are found.
     """
 
     maps: Tensor
     depth: Tensor
-    silhouette: Tensor
-    c2w: Tensor
-    K: Tensor
-
-
-ROWS_AT_ONCE = 64
-"""Bounds the distance transform's memory: 26 MB for images of 320 pixels."""
-
-
-def squared_distance(occupied: Tensor) -> Tensor:
-    """Exact squared Euclidean distance in pixels to the nearest occupied pixel, by two min-plus passes.
-
-    Args:
-        occupied: (V, H, W) bool.
-    Returns:
-        (V, H, W) float32; 1e6 where a view has no occupied pixel.
-    """
-
-    def along_rows(cost: Tensor) -> Tensor:
-        steps = torch.arange(cost.shape[-1], device=cost.device, dtype=torch.float32)
-        parabolas = (steps[:, None] - steps[None, :]) ** 2
-        rows = [(part.unsqueeze(1) + parabolas).amin(dim=-1) for part in cost.flatten(0, 1).split(ROWS_AT_ONCE)]
-        return torch.cat(rows).view_as(cost)
-
-    cost = torch.where(occupied, 0.0, 1e6).float()
-    return along_rows(along_rows(cost).transpose(1, 2)).transpose(1, 2).clamp(max=1e6)
-
-
-def signed_silhouette_distance(alpha: Tensor) -> Tensor:
-    """(V, H, W) signed distance in pixels to the outline alpha = 1/2, positive inside; `alpha` is (V, H, W)."""
-    inside = alpha >= 0.5
-    # The outline runs half a pixel beyond the centres of its pixels.
-    return squared_distance(~inside).sqrt().sub(0.5).clamp(min=0.0) - squared_distance(inside).sqrt().sub(0.5).clamp(
-        min=0.0
-    )
+    outlines: Outlines
 
 
 class ResidualConv(nn.Module):
@@ -90,7 +56,7 @@ class ResidualConv(nn.Module):
 
 
 class FeaturePyramid(nn.Module):
-    """A view to features and depth at half resolution; the image encoder's tokens join at a quarter."""
+    """A view to features and depth at half resolution; the image encoder's tokens and the hull join at a quarter."""
 
     INPUTS = 6
 
@@ -98,7 +64,7 @@ class FeaturePyramid(nn.Module):
         super().__init__()
         self.to_half = nn.Sequential(nn.Conv2d(self.INPUTS, channels, 3, stride=2, padding=1), ResidualConv(channels))
         self.to_quarter = nn.Sequential(
-            nn.Conv2d(channels, 2 * channels, 3, stride=2, padding=1),
+            nn.Conv2d(channels + 2, 2 * channels, 3, stride=2, padding=1),
             ResidualConv(2 * channels),
             ResidualConv(2 * channels),
         )
@@ -108,19 +74,20 @@ class FeaturePyramid(nn.Module):
         )
         self.to_depth = nn.Sequential(ResidualConv(channels), nn.ReLU(), nn.Conv2d(channels, 1, 1))
 
-    def forward(self, images: Tensor, tokens: Tensor) -> tuple[Tensor, Tensor]:
+    def forward(self, images: Tensor, tokens: Tensor, hull: Tensor) -> tuple[Tensor, Tensor]:
         """Features (B, C, H/2, W/2) and depth (B, 1, H/2, W/2).
 
         Args:
             images: (B, 6, H, W) colour, coverage, silhouette distance and size of a pixel in world units.
             tokens: (B, D, h, w).
+            hull: (B, 2, H/2, W/2) whether the visual hull is met, and its depth: what the depth starts from.
         """
         half = self.to_half(images)
-        quarter = self.to_quarter(F.relu(half))
+        quarter = self.to_quarter(torch.cat([F.relu(half), hull], dim=1))
         tokens = F.interpolate(self.from_tokens(tokens), size=quarter.shape[-2:], mode="bilinear", align_corners=False)
         merged = self.merge(quarter + tokens)
         features = half + F.interpolate(merged, size=half.shape[-2:], mode="bilinear", align_corners=False)
-        return features, self.to_depth(features)
+        return features, hull[:, 1:] + self.to_depth(features)
 
 
 GEOMETRY = 14
@@ -149,51 +116,28 @@ class Lookup:
 
 def look_up(views: ViewFeatures, points: Tensor) -> Lookup:
     """Project world points (B, P, 3) into every view and read what is there, bilinearly."""
-    batch, size = points.shape[0], views.silhouette.shape[-1]
-    eye, rotation = views.c2w[..., None, :3, 3], views.c2w[..., :3, :3]
-    local = (points.unsqueeze(1) - eye) @ rotation  # (B, V, P, 3)
-    depth = -local[..., 2]
-    near = depth.clamp(min=0.05)
-    focal = views.K[..., 0, 0].unsqueeze(-1)
-    x = views.K[..., 0, 2].unsqueeze(-1) + focal * local[..., 0] / near
-    y = views.K[..., 1, 2].unsqueeze(-1) - views.K[..., 1, 1].unsqueeze(-1) * local[..., 1] / near
-    grid = torch.stack([2.0 * x / size - 1.0, 2.0 * y / size - 1.0], dim=-1).clamp(-2.0, 2.0)  # (B, V, P, 2)
-
-    def sampled(maps: Tensor) -> Tensor:
-        taps = grid.flatten(0, 1).unsqueeze(2)
-        found = F.grid_sample(maps.flatten(0, 1), taps, padding_mode="border", align_corners=False)
-        return found.squeeze(-1).transpose(1, 2).unflatten(0, (batch, -1))  # (B, V, P, C)
-
-    found = sampled(torch.cat([views.maps, views.depth], dim=2))
+    outlines = views.outlines
+    seen = outlines.project(points)
+    found = seen.sample(torch.cat([views.maps, views.depth], dim=2))
     features, surface = found[..., :-1], found[..., -1]
-    coverage, pixels = sampled(views.silhouette).unbind(-1)
-    framed = ((grid.abs().amax(dim=-1) <= 1.0) & (depth > 0.05)).float()
-    distance = torch.where(framed > 0, pixels * near / focal, 0.5)
-    offset = depth - views.c2w[..., :3, 3].norm(dim=-1, keepdim=True)
+    coverage, distance = outlines.read(seen)
+    offset = seen.depth - outlines.range.unsqueeze(-1)
     ahead = surface - offset
-    direction = F.normalize(-local, dim=-1) @ rotation.transpose(-1, -2)
-    scalars = torch.stack(
-        [
-            coverage,
-            (distance / 0.03).tanh(),
-            (distance / 0.15).tanh(),
-            (distance / 0.5).tanh(),
-            framed,
-            offset,
-            (offset / 0.2).tanh(),
-            near / focal * 50.0,
-            ahead,
-            (ahead / 0.04).tanh(),
-            (ahead / 0.2).tanh(),
-        ],
-        dim=-1,
-    )
-    return Lookup(features, torch.cat([scalars, direction], dim=-1), framed, distance)
-
-
-def hull_distance(views: ViewFeatures, points: Tensor) -> Tensor:
-    """(B, P) least signed silhouette distance over the views, world units: positive inside the visual hull."""
-    return look_up(views, points).distance.amin(dim=1)
+    direction = F.normalize(-seen.local, dim=-1) @ outlines.c2w[..., :3, :3].transpose(-1, -2)
+    scalars = [
+        coverage,
+        (distance / 0.03).tanh(),
+        (distance / 0.15).tanh(),
+        (distance / 0.5).tanh(),
+        seen.framed,
+        offset,
+        (offset / 0.2).tanh(),
+        seen.pixel * 50.0,
+        ahead,
+        (ahead / 0.04).tanh(),
+        (ahead / 0.2).tanh(),
+    ]
+    return Lookup(features, torch.cat([torch.stack(scalars, dim=-1), direction], dim=-1), seen.framed, distance)
 
 
 class PointReader(nn.Module):

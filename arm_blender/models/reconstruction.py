@@ -12,9 +12,10 @@ from torch.nn import functional as F
 from ..graphics.color import composite, srgb_from_linear
 from ..structures import ViewSet, stack_cameras
 from .image_encoder import ImageEncoder, ImageEncoderConfig, camera_embedding
-from .pixel_aligned import FeaturePyramid, PixelAlignedConfig, PointReader, ViewFeatures, signed_silhouette_distance
+from .pixel_aligned import FeaturePyramid, PixelAlignedConfig, PointReader, ViewFeatures
 from .transformer import TransformerConfig, TriplaneTransformer
 from .triplane import DecoderConfig, Upsampler, UpsamplerConfig, decoder, sample_planes
+from .visual_hull import Outlines, signed_silhouette_distance
 
 
 @dataclass(frozen=True)
@@ -138,16 +139,19 @@ class ReconstructionModel(nn.Module):
     def view_features(self, views: NetworkViews, images: Tensor, tokens: Tensor) -> ViewFeatures:
         grid = images.shape[-1] // self.config.encoder.patch_size
         patches = tokens[:, 1:].transpose(1, 2).unflatten(-1, (grid, grid))
+        outlines = Outlines(views.silhouette, views.c2w, views.K)
         # At the origin's depth: how long a pixel is, and with it the silhouette distance, in world units.
-        length = views.c2w[..., :3, 3].norm(dim=-1) / views.K[..., 0, 0]
-        length = length.flatten()[:, None, None, None]
+        length = (outlines.range / views.K[..., 0, 0]).flatten()[:, None, None, None]
         pixels = F.interpolate(
             views.silhouette[:, :, 1:].flatten(0, 1), size=images.shape[-2:], mode="bilinear", align_corners=False
         )
         metric = torch.cat([(pixels * length / 0.2).tanh(), (50.0 * length).expand_as(pixels)], dim=1)
-        maps, depth = self.pyramid(torch.cat([images, metric], dim=1), patches)
+        side = images.shape[-1]
+        # A quarter of the resolution is enough: the hull is smooth between the views' outlines.
+        hull = F.interpolate(outlines.hull_depth(side // 4).flatten(0, 1), scale_factor=2, mode="nearest")
+        maps, depth = self.pyramid(torch.cat([images, metric], dim=1), patches, hull)
         shape = views.images.shape[:2]
-        return ViewFeatures(maps.unflatten(0, shape), depth.unflatten(0, shape), views.silhouette, views.c2w, views.K)
+        return ViewFeatures(maps.unflatten(0, shape), depth.unflatten(0, shape), outlines)
 
     def starting_tokens(self, views: ViewFeatures) -> Tensor:
         """Features read on a coarse volume, mean and maximum along each plane's normal: (B, 3 * R * R, D)."""

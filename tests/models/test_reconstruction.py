@@ -11,10 +11,11 @@ from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.models.georm import ISO_DENSITY, GeoRM
 from arm_blender.models.glossyrm import GlossyRM
 from arm_blender.models.image_encoder import ImageEncoderConfig
-from arm_blender.models.pixel_aligned import PixelAlignedConfig, hull_distance, signed_silhouette_distance
+from arm_blender.models.pixel_aligned import PixelAlignedConfig
 from arm_blender.models.reconstruction import PAPER, SMALL, ReconstructionConfig, network_views
 from arm_blender.models.transformer import TransformerConfig
 from arm_blender.models.triplane import DecoderConfig, UpsamplerConfig, sample_planes
+from arm_blender.models.visual_hull import signed_silhouette_distance
 from arm_blender.structures import ViewSet
 
 TINY = ReconstructionConfig(
@@ -86,9 +87,21 @@ def test_the_hull_distance_of_a_ball_is_its_signed_distance_in_front_of_a_camera
     # At the depth of the origin the cone of a ball of radius r has radius r / cos(half angle).
     radius, distance = 0.6, 4.0
     encoded = georm.encode(network_views(ball_views(radius, size=256, distance=distance), TINY))
-    found = hull_distance(encoded.views, torch.zeros(1, 1, 3))[0, 0]
+    found = encoded.views.outlines.hull_distance(torch.zeros(1, 1, 3))[0, 0]
     cone = radius / math.cos(math.asin(radius / distance))
     assert float(found) == pytest.approx(cone, abs=0.02)
+
+
+@torch.no_grad()
+def test_the_hull_depth_of_a_balls_middle_is_the_balls_surface(georm):
+    # Every view sees the same disc; along a view's own axis the others' cones are met near the ball itself.
+    outlines = georm.encode(network_views(ball_views(0.6, size=128), TINY)).views.outlines
+    met, depth = outlines.hull_depth(32)[0].unbind(1)
+    middle = depth[:, 15:17, 15:17]
+    assert bool((met[:, 15:17, 15:17] == 1).all())
+    # The hull holds the ball, and six views around it leave less than a quarter of its radius over.
+    assert bool((middle < -0.6 + 0.03).all()) and bool((middle > -0.75).all())
+    assert float(met[:, 0, 0].sum()) == 0.0
 
 
 def test_silhouette_distance_equals_scipys():

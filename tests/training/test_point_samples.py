@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from arm_blender.graphics.cameras import orbit_camera
-from arm_blender.models.pixel_aligned import ViewFeatures, hull_distance
+from arm_blender.models.visual_hull import Outlines
 from training.datasets.point_samples import NetworkViews, augmented, batched, depth_loss, drop_views, load_occupancy
 
 SIZE, RADIUS, CENTER = 64, 0.3, (0.3, 0.1, -0.2)
@@ -47,8 +47,7 @@ def sample(tmp_path_factory):
 
 
 def hull(views: NetworkViews, points: torch.Tensor) -> torch.Tensor:
-    nothing = views.images.new_zeros(*views.images.shape[:2], 1, 2, 2)
-    return hull_distance(ViewFeatures(nothing, nothing, views.silhouette, views.c2w, views.K), points)
+    return Outlines(views.silhouette, views.c2w, views.K).hull_distance(points)
 
 
 @pytest.mark.parametrize("seed", range(6))

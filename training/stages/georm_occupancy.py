@@ -16,7 +16,6 @@ from torch.nn import functional as F
 
 from arm_blender import checkpoints
 from arm_blender.models.georm import GeoRM
-from arm_blender.models.pixel_aligned import hull_distance
 from arm_blender.models.reconstruction import SMALL
 
 from ..datasets.point_samples import (
@@ -69,7 +68,7 @@ def validate(model: GeoRM, samples: list[PointSample]) -> dict[str, float]:
         encoded, points = model.encode(expanded(sample.views)), sample.points[None].float()
         truth = sample.target[:, 0] > 0
         ours.append(intersection_over_union(model.occupancy_logit(encoded, points)[0] > 0, truth))
-        hull.append(intersection_over_union(hull_distance(encoded.views, points)[0] > 0, truth))
+        hull.append(intersection_over_union(encoded.views.outlines.hull_distance(points)[0] > 0, truth))
     return {"iou": float(np.mean(ours)), "hull iou": float(np.mean(hull))}
 
 
@@ -102,10 +101,13 @@ def run(args: argparse.Namespace) -> int:
         batch = batched([augmented(s, args.points, generator) for s in picks], drop_views(generator))
         encoded = model.encode(batch.views)
         with torch.no_grad():
-            hull = hull_distance(encoded.views, batch.points)
+            hull = encoded.views.outlines.hull_distance(batch.points)
         occupancy = occupancy_loss(model.occupancy_logit(encoded, batch.points), batch.target[..., 0], hull)
         depth = depth_loss(encoded.views.depth, batch.depth)
-        return occupancy + DEPTH_WEIGHT * depth, {"occupancy": float(occupancy.detach()), "depth": float(depth.detach())}
+        return occupancy + DEPTH_WEIGHT * depth, {
+            "occupancy": float(occupancy.detach()),
+            "depth": float(depth.detach()),
+        }
 
     averaged = trainer.run(step, lambda m: validate(m, samples.held_out))
     checkpoints.save(args.output, averaged.state_dict(), SMALL, name="small.georm")

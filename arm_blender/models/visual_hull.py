@@ -1,0 +1,155 @@
+"""The visual hull of posed silhouettes: how far points lie from every outline, and where rays first meet the hull.
+
+Laurentini, "The visual hull concept for silhouette-based image understanding" (PAMI 1994).
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+NEAREST = 0.05
+"""World units; what lies closer to a pinhole, or behind it, is not framed."""
+
+UNFRAMED = 0.5
+"""Distance that a view reports where it frames nothing: neither inside nor outside, so never the least."""
+
+REACH = 1.75
+"""A little over the box's half diagonal: rays are searched this far before and behind the origin."""
+
+
+@dataclass(frozen=True)
+class Projection:
+    """P points of B objects in V views.
+
+    Attributes:
+        grid: (B, V, P, 2) in [-1, 1] over the image, as grid_sample takes it.
+        local: (B, V, P, 3) in the camera's frame.
+        depth: (B, V, P) along the view axis.
+        pixel: (B, V, P) size of a pixel at that depth, world units.
+        framed: (B, V, P) 1 where the view frames the point, else 0.
+    """
+
+    grid: Tensor
+    local: Tensor
+    depth: Tensor
+    pixel: Tensor
+    framed: Tensor
+
+    def sample(self, maps: Tensor) -> Tensor:
+        """(B, V, P, C) of maps (B, V, C, h, w), bilinear."""
+        taps = self.grid.flatten(0, 1).unsqueeze(2)
+        found = F.grid_sample(maps.flatten(0, 1), taps, padding_mode="border", align_corners=False)
+        return found.squeeze(-1).transpose(1, 2).unflatten(0, maps.shape[:2])
+
+
+@dataclass(frozen=True)
+class Outlines:
+    """Silhouettes of B objects in V views.
+
+    Attributes:
+        silhouette: (B, V, 2, S, S) coverage in [0, 1] and signed distance to the silhouette, pixels, inside positive.
+        c2w: (B, V, 4, 4).
+        K: (B, V, 3, 3) pixels of an image of S x S.
+    """
+
+    silhouette: Tensor
+    c2w: Tensor
+    K: Tensor
+
+    @property
+    def range(self) -> Tensor:
+        """(B, V) distance of each camera from the origin."""
+        return self.c2w[..., :3, 3].norm(dim=-1)
+
+    def project(self, points: Tensor) -> Projection:
+        """Where world points (B, P, 3) lie in every view."""
+        size = self.silhouette.shape[-1]
+        local = (points.unsqueeze(1) - self.c2w[..., None, :3, 3]) @ self.c2w[..., :3, :3]
+        depth = -local[..., 2]
+        near = depth.clamp(min=NEAREST)
+        focal = self.K[..., 0, 0].unsqueeze(-1)
+        x = self.K[..., 0, 2].unsqueeze(-1) + focal * local[..., 0] / near
+        y = self.K[..., 1, 2].unsqueeze(-1) - self.K[..., 1, 1].unsqueeze(-1) * local[..., 1] / near
+        grid = torch.stack([2.0 * x / size - 1.0, 2.0 * y / size - 1.0], dim=-1).clamp(-2.0, 2.0)
+        framed = ((grid.abs().amax(dim=-1) <= 1.0) & (depth > NEAREST)).to(points)
+        return Projection(grid, local, depth, near / focal, framed)
+
+    def read(self, seen: Projection) -> tuple[Tensor, Tensor]:
+        """(B, V, P) coverage, and signed silhouette distance in world units at the points' depths."""
+        coverage, pixels = seen.sample(self.silhouette).unbind(-1)
+        return coverage, torch.where(seen.framed > 0, pixels * seen.pixel, UNFRAMED)
+
+    def hull_distance(self, points: Tensor) -> Tensor:
+        """(B, P) least signed silhouette distance over the views, world units: positive inside the visual hull."""
+        return self.read(self.project(points))[1].amin(dim=1)
+
+    @torch.no_grad()
+    def hull_depth(self, side: int, steps: int = 24) -> Tensor:
+        """Where the ray of every pixel first meets the visual hull.
+
+        Args:
+            side: pixels a side of the result.
+            steps: samples along a ray; between two of them the crossing is linear.
+        Returns:
+            (B, V, 2, side, side): 1 where the hull is met, and the depth there beyond the origin's, world units;
+            0 where it is not.
+        """
+        batch, views = self.c2w.shape[:2]
+        result = self.c2w.new_zeros(batch, views, 2, side, side)
+        size = self.silhouette.shape[-1]
+        centers = (torch.arange(side, device=self.c2w.device) + 0.5) * (size / side)
+        coverage = F.interpolate(self.silhouette[:, :, 0], size=(side, side), mode="bilinear", align_corners=False)
+        offsets = torch.linspace(-REACH, REACH, steps, device=self.c2w.device)
+        for item in range(batch):
+            view, row, column = (coverage[item] > 0.25).nonzero(as_tuple=True)
+            K, c2w, reach = self.K[item, view], self.c2w[item, view], self.range[item, view]
+            x = (centers[column] - K[:, 0, 2]) / K[:, 0, 0]
+            y = (K[:, 1, 2] - centers[row]) / K[:, 1, 1]
+            rays = torch.stack([x, y, -torch.ones_like(x)], dim=-1)  # One unit of depth long.
+            rays = (c2w[:, :3, :3] @ rays.unsqueeze(-1)).squeeze(-1)
+            depth = (reach[:, None] + offsets).clamp(min=NEAREST)  # (R, steps)
+            points = c2w[:, None, :3, 3] + rays[:, None] * depth[..., None]
+            only = Outlines(self.silhouette[item : item + 1], self.c2w[item : item + 1], self.K[item : item + 1])
+            distance = only.hull_distance(points.reshape(1, -1, 3)).view(depth.shape)
+            inside = distance > 0
+            met, first = inside.any(dim=1), inside.int().argmax(dim=1).clamp(min=1)
+            after, before = (distance.gather(1, (first - back)[:, None])[:, 0] for back in (0, 1))
+            share = (after / (after - before).clamp(min=1e-6)).clamp(0.0, 1.0)
+            crossing = depth.gather(1, first[:, None])[:, 0] - share * (offsets[1] - offsets[0]) - reach
+            result[item, view, 0, row, column] = met.to(result)
+            result[item, view, 1, row, column] = torch.where(met, crossing, 0.0)
+        return result
+
+
+ROWS_AT_ONCE = 64
+"""Bounds the distance transform's memory: 26 MB for images of 320 pixels."""
+
+
+def squared_distance(occupied: Tensor) -> Tensor:
+    """Exact squared Euclidean distance in pixels to the nearest occupied pixel, by two min-plus passes.
+
+    Args:
+        occupied: (V, H, W) bool.
+    Returns:
+        (V, H, W) float32; 1e6 where a view has no occupied pixel.
+    """
+
+    def along_rows(cost: Tensor) -> Tensor:
+        steps = torch.arange(cost.shape[-1], device=cost.device, dtype=torch.float32)
+        parabolas = (steps[:, None] - steps[None, :]) ** 2
+        rows = [(part.unsqueeze(1) + parabolas).amin(dim=-1) for part in cost.flatten(0, 1).split(ROWS_AT_ONCE)]
+        return torch.cat(rows).view_as(cost)
+
+    cost = torch.where(occupied, 0.0, 1e6).float()
+    return along_rows(along_rows(cost).transpose(1, 2)).transpose(1, 2).clamp(max=1e6)
+
+
+def signed_silhouette_distance(alpha: Tensor) -> Tensor:
+    """(V, H, W) signed distance in pixels to the outline alpha = 1/2, positive inside; `alpha` is (V, H, W)."""
+    inside = alpha >= 0.5
+    # The outline runs half a pixel beyond the centres of its pixels.
+    return squared_distance(~inside).sqrt().sub(0.5).clamp(min=0.0) - squared_distance(inside).sqrt().sub(0.5).clamp(
+        min=0.0
+    )
