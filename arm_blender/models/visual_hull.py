@@ -87,7 +87,7 @@ class Outlines:
 
     @torch.no_grad()
     def hull_depth(self, side: int, steps: int = 24) -> Tensor:
-        """Where the ray of every pixel first meets the visual hull.
+        """Where the ray of every pixel first meets the visual hull within the box.
 
         Args:
             side: pixels a side of the result.
@@ -112,7 +112,9 @@ class Outlines:
             depth = (reach[:, None] + offsets).clamp(min=NEAREST)  # (R, steps)
             points = c2w[:, None, :3, 3] + rays[:, None] * depth[..., None]
             only = Outlines(self.silhouette[item : item + 1], self.c2w[item : item + 1], self.K[item : item + 1])
+            # The object lies in the box: without it the hull of a single view would begin at the camera.
             distance = only.hull_distance(points.reshape(1, -1, 3)).view(depth.shape)
+            distance = torch.minimum(distance, 1.0 - points.abs().amax(dim=-1))
             inside = distance > 0
             met, first = inside.any(dim=1), inside.int().argmax(dim=1).clamp(min=1)
             after, before = (distance.gather(1, (first - back)[:, None])[:, 0] for back in (0, 1))
