@@ -69,22 +69,27 @@ def generate(
     """
     report = report or Report(settings.preset, settings.device, settings.seed)
     with _running(settings), torch.inference_mode():
-        views, frame = normalise(views.to(settings.device))
+        chosen = views.chosen()
+        if len(chosen.cameras) < len(views.cameras):
+            report.leave_out(f"{len(views.cameras) - len(chosen.cameras)} views", "their weight is 0")
+        views, frame = normalise(chosen.to(settings.device))
         with report.stage("shape"):
-            mesh = shape(views, settings, _within(progress, 0.0, 0.4))
+            if settings.mesh is None:
+                mesh = shape(views, settings, _within(progress, 0.0, 0.4))
+            else:
+                report.leave_out("reconstruction of the shape", f"{settings.mesh.name} is the shape")
+                mesh = read_mesh(settings.mesh).moved(frame.boxed)
         with report.stage("unwrap"):
             mesh = atlas(mesh, settings, report, _within(progress, 0.4, 0.6))
         with report.stage("appearance"):
             material = appearance(mesh, views, settings, report, _within(progress, 0.6, 0.95))
-    mesh = UvMesh(frame.restore(mesh.vertices), mesh.faces, mesh.uvs, mesh.face_uvs, mesh.charts)
+    mesh = mesh.moved(frame.restore)
     report.faces, report.charts, report.texture_size = len(mesh.faces), mesh.charts, material.albedo.shape[-1]
     return RelightableAsset(views.name, mesh, material).to("cpu"), report
 
 
-def shape(views: ViewSet, settings: Settings, progress: Progress = silent) -> TriangleMesh | UvMesh:
-    """GeoRM, its iso-surface, cleaned and reduced to the face budget (ARM, section 4.1); or the user's own mesh."""
-    if settings.mesh is not None:
-        return read_mesh(settings.mesh)
+def shape(views: ViewSet, settings: Settings, progress: Progress = silent) -> TriangleMesh:
+    """GeoRM, its iso-surface, cleaned and reduced to the face budget (ARM, section 4.1)."""
     progress(0.0, "GeoRM: reading the views")
     network = _network("georm", settings)
     encoded = network.encode(network_views(views, network.config))

@@ -1,7 +1,7 @@
 """What the stages of the pipeline hand to each other: frozen, with every shape, unit and space stated."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -43,6 +43,11 @@ class ViewSet:
         cameras = tuple(camera.to(device) for camera in self.cameras)
         return ViewSet(self.images.to(device), cameras, self.weights.to(device), self.name)
 
+    def chosen(self) -> "ViewSet":
+        """Without the views of weight 0: they shape nothing and colour nothing."""
+        keep = [index for index, weight in enumerate(self.weights.tolist()) if weight > 0.0]
+        return ViewSet(self.images[keep], tuple(self.cameras[i] for i in keep), self.weights[keep], self.name)
+
 
 @dataclass(frozen=True)
 class TriangleMesh:
@@ -59,6 +64,10 @@ class TriangleMesh:
     def __post_init__(self) -> None:
         if self.vertices.ndim != 2 or self.vertices.shape[1] != 3 or self.faces.ndim != 2 or self.faces.shape[1] != 3:
             raise ValueError(f"vertices (N, 3), faces (F, 3), got {self.vertices.shape}, {self.faces.shape}")
+
+    def moved(self, motion: Callable[[Tensor], Tensor]) -> "TriangleMesh":
+        """The mesh with `motion` applied to its vertices (N, 3)."""
+        return replace(self, vertices=motion(self.vertices))
 
 
 @dataclass(frozen=True)
@@ -82,6 +91,10 @@ class UvMesh:
     def __post_init__(self) -> None:
         if self.faces.shape != self.face_uvs.shape:
             raise ValueError(f"faces {tuple(self.faces.shape)} and face_uvs {tuple(self.face_uvs.shape)} differ")
+
+    def moved(self, motion: Callable[[Tensor], Tensor]) -> "UvMesh":
+        """The mesh with `motion` applied to its vertices (N, 3)."""
+        return replace(self, vertices=motion(self.vertices))
 
 
 @dataclass(frozen=True)

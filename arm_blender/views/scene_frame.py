@@ -54,12 +54,16 @@ class SceneFrame:
         """(..., 3) points of the box in the cameras' frame; the very same where the frame is the identity."""
         return points if self.is_identity else points * self.scale + self.center.to(points)
 
+    def boxed(self, points: Tensor) -> Tensor:
+        """(..., 3) points of the cameras' frame in the box; undoes `restore`."""
+        return points if self.is_identity else (points - self.center.to(points)) / self.scale
+
     def normalised(self, camera: Camera) -> Camera:
         """`camera` in the frame of the box: moved and scaled, never turned."""
         if self.is_identity:
             return camera
         c2w = camera.c2w.clone()
-        c2w[:3, 3] = (c2w[:3, 3] - self.center.to(c2w)) / self.scale
+        c2w[:3, 3] = self.boxed(c2w[:3, 3])
         return replace(camera, c2w=c2w)
 
 

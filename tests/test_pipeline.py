@@ -1,0 +1,127 @@
+"""The whole pipeline with the shipped weights on the committed example."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+import trimesh
+
+from arm_blender import pipeline
+from arm_blender.config import Settings
+from arm_blender.errors import ArmError, Cancelled
+from arm_blender.graphics.cameras import project
+from arm_blender.structures import RelightableAsset, ViewSet
+from arm_blender.views import load_views
+
+EXAMPLE = Path(__file__).parents[1] / "examples" / "barrel"
+QUICK = Settings(quality="draft", grid=48, faces=1500, texture_size=256)
+
+
+@pytest.fixture(scope="module")
+def views() -> ViewSet:
+    return load_views(EXAMPLE)
+
+
+@pytest.fixture(scope="module")
+def result(views):
+    return pipeline.generate(views, QUICK)
+
+
+def covered(asset: RelightableAsset, views: ViewSet, view: int) -> tuple[float, float]:
+    """Share of the mesh's vertices that fall into the silhouette, and of the silhouette's box that they span."""
+    pixels, _ = project(asset.mesh.vertices, views.cameras[view])
+    alpha = views.images[view, 3]
+    column, row = pixels.long().clamp(0, alpha.shape[-1] - 1).unbind(1)
+    inside = float((alpha[row, column] > 0.5).float().mean())
+    rows = (alpha > 0.5).any(dim=1).nonzero()
+    return inside, float((pixels[:, 1].max() - pixels[:, 1].min()) / (rows.max() - rows.min()))
+
+
+def test_the_shape_fills_the_silhouettes(result, views):
+    for view in range(len(views.cameras)):
+        inside, span = covered(result[0], views, view)
+        assert inside > 0.9 and 0.9 < span < 1.1
+
+
+def test_the_maps_are_whole_and_in_range(result):
+    maps = result[0].maps
+    for image, channels in ((maps.albedo, 3), (maps.baked, 3), (maps.roughness, 1), (maps.metallic, 1)):
+        assert image.shape[0] == channels and image.shape[1] == image.shape[2]
+        assert bool(image.isfinite().all()) and float(image.min()) >= 0.0 and float(image.max()) <= 1.0
+
+
+def test_the_barrel_is_blue(result):
+    red, green, blue = result[0].maps.albedo.flatten(1).median(dim=1).values.tolist()
+    assert blue > 2.0 * red and blue > green
+
+
+def test_the_report_says_what_was_made(result):
+    report = result[1].as_dict()
+    assert report["faces"] == len(result[0].mesh.faces) <= QUICK.resolved.faces
+    assert set(report["seconds"]) == {"shape", "unwrap", "appearance"}
+    assert 0.5 < report["seen_share"] <= 1.0
+
+
+def test_the_same_seed_gives_the_same_asset(result, views):
+    again, _ = pipeline.generate(views, QUICK)
+    assert torch.equal(again.mesh.vertices, result[0].mesh.vertices)
+    assert torch.equal(again.maps.albedo, result[0].maps.albedo)
+
+
+def test_a_view_of_weight_zero_counts_as_absent(views):
+    weights = torch.tensor([1.0, 1.0, 0.0, 1.0, 1.0, 1.0])
+    silenced, report = pipeline.generate(replace(views, weights=weights), QUICK)
+    keep = [0, 1, 3, 4, 5]
+    absent = ViewSet(views.images[keep], tuple(views.cameras[i] for i in keep), torch.ones(5), views.name)
+    assert torch.equal(silenced.mesh.vertices, pipeline.generate(absent, QUICK)[0].mesh.vertices)
+    assert any(note.why == "their weight is 0" for note in report.left_out)
+
+
+def test_a_scene_of_another_scale_gives_the_same_object_there(result, views):
+    scale = 30.0
+    cameras = []
+    for camera in views.cameras:
+        c2w = camera.c2w.clone()
+        c2w[:3, 3] *= scale
+        cameras.append(replace(camera, c2w=c2w))
+    asset, _ = pipeline.generate(replace(views, cameras=tuple(cameras)), QUICK)
+    moved = replace(views, cameras=tuple(cameras))
+    inside, span = covered(asset, moved, 0)
+    assert inside > 0.85 and 0.85 < span < 1.15
+    extent = (asset.mesh.vertices.amax(0) - asset.mesh.vertices.amin(0)) / scale
+    plain = result[0].mesh.vertices
+    assert torch.allclose(extent, plain.amax(0) - plain.amin(0), rtol=0.15)
+
+
+def test_one_view_is_enough(views):
+    single = ViewSet(views.images[:1], views.cameras[:1], torch.ones(1), views.name)
+    asset, report = pipeline.generate(single, QUICK)
+    assert covered(asset, single, 0)[0] > 0.8
+    assert report.seen_share < 0.7
+
+
+def test_a_users_mesh_keeps_its_shape_and_its_uvs(views, tmp_path):
+    cylinder = trimesh.creation.cylinder(0.45, 1.9, sections=24)
+    cylinder.export(tmp_path / "mine.ply")
+    asset, report = pipeline.generate(views, replace(QUICK, mesh=tmp_path / "mine.ply"))
+    assert torch.allclose(asset.mesh.vertices.amax(0), torch.tensor(cylinder.bounds[1]).float(), atol=1e-5)
+    assert len(asset.mesh.faces) == len(cylinder.faces)
+    assert "reconstruction of the shape" in {note.what for note in report.left_out}
+
+
+@pytest.mark.parametrize("after", [0.0, 0.1, 0.3, 0.5, 0.7, 0.9])
+def test_cancelling_stops_at_the_next_report_of_progress(views, after):
+    def progress(fraction: float, message: str) -> None:
+        if fraction >= after:
+            raise Cancelled("stopped")
+
+    with pytest.raises(Cancelled):
+        pipeline.generate(views, QUICK, progress)
+
+
+def test_the_callers_threads_and_seed_come_back(views):
+    threads, random = torch.get_num_threads(), torch.get_rng_state()
+    with pytest.raises(ArmError):
+        pipeline.generate(views, replace(QUICK, threads=1, preset="paper"))
+    assert torch.get_num_threads() == threads and torch.equal(torch.get_rng_state(), random)

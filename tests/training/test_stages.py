@@ -1,0 +1,87 @@
+"""Losses and the commands of GeoRM's and GlossyRM's stages, on a made-up sample."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from arm_blender import checkpoints
+from arm_blender.graphics.cameras import orbit_camera
+from arm_blender.models.georm import GeoRM
+from arm_blender.models.glossyrm import GlossyRM
+from arm_blender.models.reconstruction import ReconstructionConfig
+from training import __main__ as command
+from training.datasets import point_samples
+from training.stages.georm_occupancy import TEMPERATURE, intersection_over_union, occupancy_loss
+
+
+def test_the_occupancy_loss_is_least_where_the_logit_is_the_distance():
+    distance = torch.linspace(-0.1, 0.1, 50)[None]
+    logit = (distance / TEMPERATURE).clone().requires_grad_()
+    occupancy_loss(logit, distance, torch.zeros(1, 50)).backward()
+    assert float(logit.grad.abs().max()) < 1e-7
+    best = occupancy_loss(logit, distance, torch.zeros(1, 50))
+    for wrong in (0.5 * logit, logit + 0.3, -logit):
+        assert float(occupancy_loss(wrong, distance, torch.zeros(1, 50))) > float(best)
+
+
+def test_undecided_points_in_the_hull_weigh_more():
+    distance, logit = torch.tensor([[-0.2, -0.2]]), torch.tensor([[3.0, -9.0]])
+    inside_hull = occupancy_loss(logit, distance, torch.tensor([[0.1, -0.1]]))
+    outside_hull = occupancy_loss(logit, distance, torch.tensor([[-0.1, -0.1]]))
+    assert float(inside_hull) > 1.3 * float(outside_hull)
+
+
+def test_intersection_over_union_of_known_sets():
+    a, b = torch.tensor([True, True, False, False]), torch.tensor([True, False, True, False])
+    assert intersection_over_union(a, b) == pytest.approx(1.0 / 3.0)
+    assert intersection_over_union(a, a) == 1.0
+
+
+@pytest.fixture
+def shards(tmp_path, monkeypatch):
+    """Two balls as the renderer would leave them, one of them held out."""
+    names = ["ball", "other"]
+    monkeypatch.setattr(point_samples, "is_held_out", lambda path: path.parent.name == "other")
+    size, radius = 32, 0.6
+    cameras = [orbit_camera(30 + 60 * i, (20, -10)[i % 2], 4.0, 30, size, size) for i in range(10)]
+    disc = float(cameras[0].K[0, 0]) * math.tan(math.asin(radius / 4.0))
+    centers = np.arange(size) + 0.5 - size / 2
+    mask = centers[:, None] ** 2 + centers[None] ** 2 < disc**2
+    rgba = np.zeros((10, size, size, 4), np.uint8)
+    rgba[..., :3], rgba[..., 3] = 150, mask * 255
+    depth = np.where(mask, 3.5, np.inf).astype(np.float16)
+    points = np.random.default_rng(0).uniform(-1, 1, (3000, 3)).astype(np.float16)
+    for name in names:
+        folder = tmp_path / "shards" / name
+        folder.mkdir(parents=True)
+        np.savez(folder / "occupancy.npz", points=points, distance=radius - np.linalg.norm(points, axis=1))
+        finish = np.broadcast_to((mask * 100).astype(np.uint8), (10, size, size))
+        np.savez(
+            folder / "rig_0.npz",
+            rgba=rgba,
+            depth=np.broadcast_to(depth, (10, size, size)),
+            roughness=finish,
+            metallic=finish,
+            c2w=torch.stack([c.c2w for c in cameras]).numpy(),
+            K=torch.stack([c.K for c in cameras]).numpy(),
+        )
+    return tmp_path / "shards"
+
+
+def test_a_fit_leaves_weights_that_the_next_stage_and_the_program_load(shards, tmp_path, capsys):
+    words = ["--shards", str(shards), "--minutes", "0.01", "--batch", "1", "--points", "64"]
+    georm, glossyrm = tmp_path / "georm.safetensors", tmp_path / "glossyrm.safetensors"
+    assert command.main(["fit", "georm", "--output", str(georm), *words]) == 0
+    assert command.main(["fit", "glossyrm", "--georm", str(georm), "--output", str(glossyrm), *words]) == 0
+    for path, network in ((georm, GeoRM), (glossyrm, GlossyRM)):
+        config, state = checkpoints.load(path, ReconstructionConfig)
+        checkpoints.restore(network(config), state, path)
+
+
+def test_no_samples_is_one_line_with_the_remedy(tmp_path, capsys):
+    words = ["fit", "georm", "--shards", str(tmp_path), "--output", str(tmp_path / "x.safetensors")]
+    assert command.main(words) == 1
+    line = capsys.readouterr().err.strip().splitlines()[-1]
+    assert str(tmp_path) in line and "python -m training render" in line
