@@ -26,8 +26,6 @@ class PixelAlignedConfig:
     hull_gain: float = 50.0
     """Occupancy logits for each world unit outside of the visual hull, or (a little way) inside: where learning starts.
     About 1 / temperature of the occupancy warm-up; 0 leaves the hull to be learnt from the features."""
-    start_grid: int = 16
-    """Points a side of the coarse volume that the plane tokens start from."""
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from torch.nn import functional as F
 
 from ..graphics.color import composite, srgb_from_linear
 from ..structures import ViewSet, stack_cameras
+from .feature_volume import FeatureVolume, FeatureVolumeConfig, plane_columns, sample_volume
 from .image_encoder import ImageEncoder, ImageEncoderConfig, camera_embedding
 from .pixel_aligned import FeaturePyramid, PixelAlignedConfig, PointReader, ViewFeatures
 from .transformer import TransformerConfig, TriplaneTransformer
@@ -25,6 +26,8 @@ class ReconstructionConfig:
     upsampler: UpsamplerConfig = field(default_factory=UpsamplerConfig)
     decoder: DecoderConfig = field(default_factory=DecoderConfig)
     pixel_aligned: PixelAlignedConfig | None = None
+    volume: FeatureVolumeConfig | None = None
+    """Comes with `pixel_aligned`; None in the paper's configuration."""
     background: float = 1.0
     """Grey level (sRGB) behind the object in the network's input; InstantMesh's encoder knows white."""
 
@@ -40,6 +43,7 @@ SMALL = ReconstructionConfig(
     upsampler=UpsamplerConfig(filters=48, blocks=1, growth=16, doublings=2, channels=16),
     decoder=DecoderConfig(hidden_layers=3, hidden=64),
     pixel_aligned=PixelAlignedConfig(),
+    volume=FeatureVolumeConfig(),
 )
 """The same modules, sized for two CPU cores, with pixel-aligned features."""
 
@@ -102,10 +106,12 @@ class EncodedViews:
     Attributes:
         planes: (B, 3, C, R, R).
         views: pixel-aligned features, or None in the paper's configuration.
+        volume: (B, C, G, G, G) coarse features, or None with `views`.
     """
 
     planes: Tensor
     views: ViewFeatures | None
+    volume: Tensor | None
 
 
 class ReconstructionModel(nn.Module):
@@ -121,8 +127,9 @@ class ReconstructionModel(nn.Module):
         if config.pixel_aligned:
             self.pyramid = FeaturePyramid(config.pixel_aligned.channels, config.encoder.width)
             self.reader = PointReader(config.pixel_aligned)
-            self.start = nn.Linear(2 * self.reader.outputs, config.transformer.width)
-            inputs += self.reader.outputs
+            self.volume = FeatureVolume(config.volume, config.pixel_aligned.channels)
+            self.start = nn.Linear(2 * config.volume.channels, config.transformer.width)
+            inputs += self.reader.outputs + config.volume.channels
         self.decoder = decoder(config.decoder, inputs, outputs)
 
     def encode(self, views: NetworkViews) -> EncodedViews:
@@ -131,10 +138,11 @@ class ReconstructionModel(nn.Module):
         cameras = camera_embedding(views.c2w, views.K, views.silhouette.shape[-1]).flatten(0, 1)
         tokens = self.encoder(images[:, :3], cameras)  # (B * V, L, D)
         features = self.view_features(views, images, tokens) if self.config.pixel_aligned else None
-        start = self.starting_tokens(features) if features else None
+        volume = self.volume(features) if features else None
+        start = self.starting_tokens(volume) if features else None
         coarse = self.transformer(tokens.reshape(batch, -1, tokens.shape[-1]), start)  # (B, 3, D, R, R)
         planes = self.upsampler(coarse.flatten(0, 1)).unflatten(0, (batch, 3))
-        return EncodedViews(planes, features)
+        return EncodedViews(planes, features, volume)
 
     def view_features(self, views: NetworkViews, images: Tensor, tokens: Tensor) -> ViewFeatures:
         grid = images.shape[-1] // self.config.encoder.patch_size
@@ -153,21 +161,13 @@ class ReconstructionModel(nn.Module):
         shape = views.images.shape[:2]
         return ViewFeatures(maps.unflatten(0, shape), depth.unflatten(0, shape), outlines)
 
-    def starting_tokens(self, views: ViewFeatures) -> Tensor:
-        """Features read on a coarse volume, mean and maximum along each plane's normal: (B, 3 * R * R, D)."""
-        grid, batch = self.config.pixel_aligned.start_grid, views.maps.shape[0]
-        # Cell centres along the planes, so that each token reads the columns of its own patch.
-        axis = (torch.arange(grid, device=views.maps.device) + 0.5) / grid * 2.0 - 1.0
-        z, y, x = torch.meshgrid(axis, axis, axis, indexing="ij")
-        points = torch.stack([x, y, z], dim=-1).reshape(1, -1, 3).expand(batch, -1, -1)
-        volume = self.reader(views, points)[0].reshape(batch, grid, grid, grid, -1)  # (B, z, y, x, C)
-        columns = [
-            torch.cat([v.mean(dim=axis), v.amax(dim=axis)], dim=-1)  # Rows are the plane's second coordinate.
-            for v, axis in ((volume, 1), (volume, 2), (volume.transpose(1, 2), 3))
-        ]
-        tokens = torch.stack(columns, dim=1).permute(0, 1, 4, 2, 3).flatten(0, 1)
-        tokens = F.interpolate(tokens, size=(self.config.transformer.grid,) * 2, mode="bilinear", align_corners=False)
-        return self.start(tokens.flatten(2).transpose(1, 2)).reshape(batch, -1, self.config.transformer.width)
+    def starting_tokens(self, volume: Tensor) -> Tensor:
+        """What the plane tokens start from: (B, 3 * R * R, D)."""
+        batch, width = volume.shape[0], self.config.transformer.width
+        columns = F.interpolate(
+            plane_columns(volume).flatten(0, 1), size=(self.config.transformer.grid,) * 2, mode="area"
+        )
+        return self.start(columns.flatten(2).transpose(1, 2)).reshape(batch, -1, width)
 
     def decode(self, encoded: EncodedViews, points: Tensor) -> tuple[Tensor, Tensor | None]:
         """Raw values at world points.
@@ -181,4 +181,4 @@ class ReconstructionModel(nn.Module):
         if encoded.views is None:
             return self.decoder(features), None
         read, hull = self.reader(encoded.views, points)
-        return self.decoder(torch.cat([features, read], dim=-1)), hull
+        return self.decoder(torch.cat([features, read, sample_volume(encoded.volume, points)], dim=-1)), hull

@@ -8,6 +8,7 @@ import torch
 from scipy.ndimage import distance_transform_edt
 
 from arm_blender.graphics.cameras import orbit_camera
+from arm_blender.models.feature_volume import FeatureVolumeConfig, plane_columns, sample_volume
 from arm_blender.models.georm import ISO_DENSITY, GeoRM
 from arm_blender.models.glossyrm import GlossyRM
 from arm_blender.models.image_encoder import ImageEncoderConfig
@@ -23,7 +24,8 @@ TINY = ReconstructionConfig(
     transformer=TransformerConfig(width=16, layers=1, heads=2, grid=4),
     upsampler=UpsamplerConfig(filters=8, blocks=1, growth=4, doublings=1, channels=4),
     decoder=DecoderConfig(hidden_layers=2, hidden=16),
-    pixel_aligned=PixelAlignedConfig(channels=8, hidden=8, start_grid=4),
+    pixel_aligned=PixelAlignedConfig(channels=8, hidden=8),
+    volume=FeatureVolumeConfig(grid=8, channels=4),
 )
 
 
@@ -117,6 +119,16 @@ def test_planes_are_xy_xz_zy_with_the_first_coordinate_along_the_width():
     planes = ramp.expand(64, 64).view(1, 1, 1, 64, 64).expand(1, 3, 1, -1, -1)
     found = sample_planes(planes, torch.tensor([[[0.1, 0.2, 0.3]]]))[0, 0]
     assert torch.allclose(found, torch.tensor([0.1, 0.1, 0.3]), atol=1e-5)
+
+
+def test_a_volume_and_its_planes_agree_on_where_things_are():
+    volume = torch.zeros(1, 1, 8, 8, 8)
+    volume[0, 0, 6, 2, 5] = 1.0  # z, y, x
+    x, y, z = ((torch.tensor([5, 2, 6]) + 0.5) / 8 * 2 - 1).tolist()
+    assert float(sample_volume(volume, torch.tensor([[[x, y, z]]]))) == pytest.approx(1.0, abs=1e-5)
+    highest = plane_columns(volume)[:, :, 1:]  # The second half of the channels is the maximum.
+    found = sample_planes(highest, torch.tensor([[[x, y, z]]]))
+    assert torch.allclose(found, torch.ones(1, 1, 3), atol=1e-5)
 
 
 @torch.no_grad()

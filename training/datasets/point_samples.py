@@ -110,9 +110,9 @@ def expanded(views: NetworkViews) -> NetworkViews:
 
 
 def drop_views(generator: torch.Generator) -> Tensor:
-    """Indices of the input views that a step keeps: all six, or in one of three steps 1 to 5 of them."""
+    """Indices of the input views that a step keeps: all six, or in one of five steps 1 to 5 of them."""
     count = 6
-    if float(torch.rand((), generator=generator)) < 0.35:
+    if float(torch.rand((), generator=generator)) < 0.2:
         count = int(torch.randint(1, 6, (), generator=generator))
     return torch.randperm(6, generator=generator)[:count].sort().values
 

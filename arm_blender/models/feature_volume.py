@@ -1,0 +1,108 @@
+"""A coarse volume of what the views say, refined by a small 3-D U-Net (https://arxiv.org/abs/1606.06650).
+
+Not in the paper. Points look themselves up one by one; only their neighbours tell that a facet of the visual hull,
+where the cones of few views meet, is not a facet of the object. The plane tokens start from this volume, and points
+read it.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from .pixel_aligned import ViewFeatures
+
+GEOMETRY = 11
+"""Numbers that a cell knows beside the image features."""
+
+
+@dataclass(frozen=True)
+class FeatureVolumeConfig:
+    grid: int = 24
+    """Cells a side; what is thinner than a cell is left to the points' own look-up. A multiple of 4. The time of a
+    training step grows with its cube: 0.2 s on a core at 24, 0.7 s at 32."""
+    channels: int = 16
+    """Of the finest level; they double with each of the two coarser ones."""
+
+
+class ResidualBlock(nn.Module):
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.norm1, self.norm2 = nn.GroupNorm(4, channels), nn.GroupNorm(4, channels)
+        self.conv1 = nn.Conv3d(channels, channels, 3, padding=1)
+        self.conv2 = nn.Conv3d(channels, channels, 3, padding=1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        y = self.conv1(F.relu(self.norm1(x)))
+        return x + self.conv2(F.relu(self.norm2(y)))
+
+
+class FeatureVolume(nn.Module):
+    """View features to a volume (B, C, G, G, G) over the box, indexed z, y, x."""
+
+    def __init__(self, config: FeatureVolumeConfig, features: int) -> None:
+        super().__init__()
+        self.config = config
+        fine, middle, coarse = (config.channels * 2**level for level in range(3))
+        self.lift = nn.Conv3d(2 * features + GEOMETRY, fine, 1)
+        self.fine_in, self.fine_out = ResidualBlock(fine), ResidualBlock(fine)
+        self.middle_in, self.middle_out = ResidualBlock(middle), ResidualBlock(middle)
+        self.coarse = nn.Sequential(ResidualBlock(coarse), ResidualBlock(coarse))
+        self.down1 = nn.Conv3d(fine, middle, 2, stride=2)
+        self.down2 = nn.Conv3d(middle, coarse, 2, stride=2)
+        self.up2, self.up1 = nn.Conv3d(coarse, middle, 1), nn.Conv3d(middle, fine, 1)
+
+    def centers(self, device: torch.device) -> Tensor:
+        """(G**3, 3) world centres of the cells, x fastest."""
+        axis = (torch.arange(self.config.grid, device=device) + 0.5) / self.config.grid * 2.0 - 1.0
+        z, y, x = torch.meshgrid(axis, axis, axis, indexing="ij")
+        return torch.stack([x, y, z], dim=-1).reshape(-1, 3)
+
+    def cells(self, views: ViewFeatures) -> Tensor:
+        """(B, inputs, G, G, G): mean and variance of the image features over the views, and geometry."""
+        points = self.centers(views.maps.device).expand(views.maps.shape[0], -1, -1)
+        seen = views.outlines.project(points)
+        found = seen.sample(torch.cat([views.maps, views.depth], dim=2))
+        features, surface = found[..., :-1], found[..., -1]
+        _, distance = views.outlines.read(seen)
+        weight = seen.framed.unsqueeze(-1)
+        total = weight.sum(dim=1).clamp(min=1.0)
+        mean = (weight * features).sum(dim=1) / total
+        variance = (weight * (features - mean.unsqueeze(1)) ** 2).sum(dim=1) / total
+        # How far in front of the surfaces that the views predict: carved if far in front of any.
+        ahead = seen.framed * ((surface - (seen.depth - views.outlines.range.unsqueeze(-1))) / 0.15).tanh()
+        hull = distance.amin(dim=1)
+        geometry = [
+            (hull / 0.05).tanh(),
+            (hull / 0.2).tanh(),
+            (distance / 0.2).tanh().mean(dim=1),
+            ahead.mean(dim=1),
+            ahead.amax(dim=1),
+            ahead.amin(dim=1),
+            (hull > 0).to(hull),
+            total.squeeze(-1) / 6.0,
+        ]
+        cells = torch.cat([mean, variance, torch.stack(geometry, dim=-1), points], dim=-1)
+        return cells.transpose(1, 2).unflatten(-1, (self.config.grid,) * 3)
+
+    def forward(self, views: ViewFeatures) -> Tensor:
+        fine = self.fine_in(self.lift(self.cells(views)))
+        middle = self.middle_in(self.down1(fine))
+        coarse = self.coarse(self.down2(middle))
+        middle = self.middle_out(middle + F.interpolate(self.up2(coarse), scale_factor=2, mode="nearest"))
+        return self.fine_out(fine + F.interpolate(self.up1(middle), scale_factor=2, mode="nearest"))
+
+
+def sample_volume(volume: Tensor, points: Tensor) -> Tensor:
+    """(B, P, C) trilinear features of a volume (B, C, G, G, G) at world points (B, P, 3) of the box."""
+    found = F.grid_sample(volume, points[:, :, None, None], padding_mode="border", align_corners=False)
+    return found[..., 0, 0].transpose(1, 2)
+
+
+def plane_columns(volume: Tensor) -> Tensor:
+    """Mean and maximum along each plane's normal: (B, 3, 2 * C, G, G), planes and axes as `triplane.sample_planes`."""
+    columns = (volume, volume.transpose(2, 3), volume.permute(0, 1, 4, 3, 2))  # The normal first: z, y, x.
+    pooled = [torch.cat([v.mean(dim=2), v.amax(dim=2)], dim=1) for v in columns]
+    # After taking the normal away: (y, x), (z, x) and (y, z); rows are the plane's second coordinate.
+    return torch.stack(pooled, dim=1)
