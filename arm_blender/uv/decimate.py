@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ..errors import EmptyMeshError
 from ..structures import TriangleMesh
-from .connectivity import cut_nonmanifold, face_components, half_edges, manifold_pairs
+from .connectivity import cut_nonmanifold, face_components, manifold_pairs
 
 logger = logging.getLogger(__name__)
 
@@ -69,27 +69,6 @@ def decimate(mesh: TriangleMesh, faces: int) -> TriangleMesh:
     vertices = torch.from_numpy(reduced_points).to(device, mesh.vertices.dtype) * scale + center
     reduced_faces = torch.from_numpy(reduced).to(device, torch.int64)
     return clean(TriangleMesh(vertices, reduced_faces[~_flaps(reduced_faces)]), min_part=0.0)
-
-
-def smooth(mesh: TriangleMesh, steps: int) -> TriangleMesh:
-    """The mesh after `steps` pairs of a smoothing and a swelling step, which flatten stairs and do not shrink it.
-
-    Five are enough for the stairs of a nearly binary density; every further ten swell a ball by some 0.15 % of its
-    volume.
-
-    Taubin, "A signal processing approach to fair surface design" (SIGGRAPH 1995), with lambda 0.5 and mu -0.53.
-    """
-    edges = half_edges(mesh.faces)
-    degree = torch.zeros(len(mesh.vertices), 1, device=edges.device).index_add_(
-        0, edges[:, 0], torch.ones(len(edges), 1, device=edges.device)
-    )
-    vertices = mesh.vertices
-    for _ in range(steps):
-        for step in (0.5, -0.53):
-            neighbours = torch.zeros_like(vertices).index_add_(0, edges[:, 0], vertices[edges[:, 1]])
-            mean = torch.where(degree > 0, neighbours / degree.clamp(min=1.0), vertices)
-            vertices = vertices + step * (mean - vertices)
-    return TriangleMesh(vertices, mesh.faces)
 
 
 def _sound(vertices: Tensor, faces: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""Cleaning, decimation and smoothing, on surfaces with a closed form."""
+"""Cleaning and decimation, on surfaces with a closed form."""
 
 import math
 
@@ -10,15 +10,11 @@ from arm_blender.errors import EmptyMeshError
 from arm_blender.graphics.isosurface import IsosurfaceConfig, extract
 from arm_blender.structures import TriangleMesh
 from arm_blender.uv.connectivity import manifold_pairs
-from arm_blender.uv.decimate import clean, decimate, smooth
+from arm_blender.uv.decimate import clean, decimate
 
 
-def sphere(resolution: int = 48, radius: float = 0.7, stairs: bool = False) -> TriangleMesh:
-    def density(p: Tensor) -> Tensor:
-        level = radius - p.norm(dim=1)
-        return 10.0 + (level.sign() if stairs else level)
-
-    return extract(density, IsosurfaceConfig(resolution))
+def sphere(resolution: int = 48, radius: float = 0.7) -> TriangleMesh:
+    return extract(lambda p: 10.0 + radius - p.norm(dim=1), IsosurfaceConfig(resolution))
 
 
 def joined(*meshes: TriangleMesh) -> TriangleMesh:
@@ -137,16 +133,3 @@ def test_a_decimated_tangle_has_no_edge_of_three_faces():
 def test_a_budget_that_closes_nothing_is_refused():
     with pytest.raises(ValueError, match="at least 4"):
         decimate(BALL, 3)
-
-
-@pytest.mark.parametrize("steps", [1, 5, 10])
-def test_smoothing_does_not_shrink_a_sphere(steps):
-    mesh = sphere()
-    assert volume(smooth(mesh, steps)) == pytest.approx(volume(mesh), rel=2e-3)
-
-
-def test_smoothing_flattens_stairs():
-    stairs = sphere(stairs=True)
-    before, after = ((m.vertices.norm(dim=1) - 0.7).abs().mean() for m in (stairs, smooth(stairs, 5)))
-    assert float(after) < 0.7 * float(before)
-    assert volume(smooth(stairs, 5)) == pytest.approx(volume(stairs), rel=5e-3)
