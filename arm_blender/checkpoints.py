@@ -7,7 +7,6 @@ wrongly shaped tensor each end in a `CheckpointError` that names the file and th
 import dataclasses
 import hashlib
 import json
-import os
 import types
 import typing
 from pathlib import Path
@@ -19,6 +18,7 @@ from safetensors.torch import save as to_bytes
 from torch import Tensor, nn
 
 from .errors import CheckpointError
+from .files import whole_file
 
 Config = TypeVar("Config")
 
@@ -80,6 +80,7 @@ def save(
         half: store floating-point tensors as float16.
     Raises:
         ValueError: a value is not finite, or does not fit into float16.
+        OutputError: the file cannot be written.
     """
     tensors = {}
     for key, tensor in state.items():
@@ -94,12 +95,8 @@ def save(
     header |= {"format": FORMAT, "name": name, "type": type(config).__name__}
     header["config"] = json.dumps(dataclasses.asdict(config), sort_keys=True)
     path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        unfinished.write_bytes(to_bytes(tensors, header))
-        os.replace(unfinished, path)
-    finally:
-        unfinished.unlink(missing_ok=True)
+    with whole_file(path) as temporary:
+        temporary.write_bytes(to_bytes(tensors, header))
 
 
 def load(path: Path, expected: type[Config]) -> tuple[Config, dict[str, Tensor]]:
@@ -137,9 +134,9 @@ def read_header(path: Path) -> dict[str, str]:
         with safe_open(path, framework="pt") as file:
             header = file.metadata() or {}
     except (SafetensorError, OSError) as error:
-        raise CheckpointError(f"{path}: damaged ({error}); copy or download the file again") from error
+        raise CheckpointError(f"{path}: damaged ({error}); copy the file again") from error
     if header.get("format") != FORMAT or not {"name", "type", "config"} <= header.keys():
-        raise CheckpointError(f"{path}: not a checkpoint of this program; import it first, or choose another file")
+        raise CheckpointError(f"{path}: not a checkpoint of this program; choose one that it wrote")
     return header
 
 
@@ -230,11 +227,15 @@ def verify(name: str, folder: Path = FOLDER) -> str:
 
 
 def record(folder: Path = FOLDER) -> None:
-    """Write `SHA256SUMS` for every checkpoint in `folder`, in the format of `sha256sum --check`."""
-    lines = [f"{sha256(path)}  {path.name}\n" for path in sorted(folder.glob("*.safetensors"))]
-    unfinished = folder / f".{SUMS}.part"
-    unfinished.write_text("".join(lines), encoding="utf-8")
-    os.replace(unfinished, folder / SUMS)
+    """Write `SHA256SUMS` for every checkpoint in `folder`, in the format of `sha256sum --check`.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    # What is hidden is a file that is being written.
+    lines = [f"{sha256(path)}  {path.name}\n" for path in sorted(folder.glob("[!.]*.safetensors"))]
+    with whole_file(folder / SUMS) as temporary:
+        temporary.write_text("".join(lines), encoding="utf-8")
 
 
 def recorded_sums(folder: Path = FOLDER) -> dict[str, str]:

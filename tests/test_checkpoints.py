@@ -114,7 +114,7 @@ def test_other_model_and_foreign_file_are_refused(path, tmp_path):
         checkpoints.load(path, OtherConfig)
     foreign = tmp_path / "foreign.safetensors"
     save_file({"weight": torch.zeros(1)}, foreign)
-    with pytest.raises(CheckpointError, match="import it first"):
+    with pytest.raises(CheckpointError, match="not a checkpoint of this program"):
         checkpoints.load(foreign, OuterConfig)
 
 

@@ -27,6 +27,9 @@ from .shards import cameras, rigs, save_arrays
 
 logger = logging.getLogger(__name__)
 
+SAMPLES = "[!.]*.npz"
+"""Names of the samples in a cache; what is hidden is a file that is being written."""
+
 INPUTS = 6
 """The first views of a rig are the network's input; all of them are compared."""
 
@@ -91,7 +94,7 @@ def prepare(shards: Path, cache: Path, config: AtlasConfig = AtlasConfig(), seed
         generator = torch.Generator().manual_seed(seed)
         save_arrays(target, _sample(mesh, dict(np.load(rig)), config, generator))
         logger.info("prepared %s", target.name)
-    return len(list(cache.glob("*.npz")))
+    return len(list(cache.glob(SAMPLES)))
 
 
 def load(path: Path, subset: int) -> Atlas:
@@ -212,7 +215,7 @@ def files(cache: Path) -> list[Path]:
     Raises:
         ArmError: there are none.
     """
-    found = sorted(cache.glob("*.npz"))
+    found = sorted(cache.glob(SAMPLES))
     if not found:
         raise ArmError(f"{cache}: no samples; give --shards to prepare them")
     return found

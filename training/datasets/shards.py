@@ -3,24 +3,28 @@
 rig_<k>.npz, V views of S x S pixels, the first six of them inputs: rgba (V, S, S, 4) uint8 sRGB with straight alpha,
 albedo (V, S, S, 3) uint8 sRGB, roughness and metallic (V, S, S) uint8, depth (V, S, S) float16 along the view axis with
 infinity as background, normal (V, S, S, 3) int8 world, c2w (V, 4, 4), K (V, 3, 3).
+mesh.npz, the true surface: vertices (N, 3) float32 world, faces (F, 3) int32.
+occupancy.npz, points around it: points (P, 3) float16 world, distance (P,) float16 world units, positive inside.
 """
 
-import os
 from pathlib import Path
 
 import numpy as np
 import torch
 
 from arm_blender.errors import ArmError
+from arm_blender.files import whole_file
 from arm_blender.graphics.cameras import Camera
 
 
 def save_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    """A compressed npz, whole or not at all."""
-    temporary = path.with_suffix(".partial")
-    with open(temporary, "wb") as file:
-        np.savez_compressed(file, **arrays)
-    os.replace(temporary, path)
+    """A compressed npz, whole or not at all.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    with whole_file(path) as temporary:
+        np.savez_compressed(temporary, **arrays)
 
 
 def rigs(shards: Path) -> list[Path]:
