@@ -1,4 +1,4 @@
-"""Seconds of the way from a density to an atlas, stage by stage: `python benchmarks/bench_isosurface.py`.
+"""Seconds of the way from a density to an atlas, stage by stage: `python -m benchmarks.bench_isosurface`.
 
 The shape is a ball with waves on it. The density costs almost nothing: what is shown is the work around it.
 """
@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from arm_blender.graphics.isosurface import IsosurfaceConfig, extract
+from arm_blender.graphics.meshes import signed_areas
 from arm_blender.structures import TriangleMesh
 from arm_blender.uv.decimate import clean, decimate
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
@@ -49,8 +50,7 @@ def bench_unwrapping(mesh: TriangleMesh, faces: int) -> None:
         started = time.perf_counter()
         atlas, method = unwrap(mesh, UnwrapConfig(time_limit=limit))
         seconds = time.perf_counter() - started
-        a, b, c = atlas.uvs[atlas.face_uvs].unbind(dim=1)
-        covered = float(((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).abs().sum() / 2)
+        covered = float(signed_areas(atlas.uvs, atlas.face_uvs).abs().sum())
         print(f"| unwrap {faces} by {method} | {seconds:.2f} | {atlas.charts} charts cover {covered:.0%} |")
 
 

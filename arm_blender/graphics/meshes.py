@@ -21,6 +21,17 @@ def face_areas(vertices: Tensor, faces: Tensor) -> Tensor:
     return 0.5 * _area_vectors(vertices, faces).norm(dim=1)
 
 
+def signed_areas(points: Tensor, faces: Tensor) -> Tensor:
+    """(F,) areas of triangles in a plane, such as an atlas; negative where the winding is clockwise.
+
+    Args:
+        points: (N, 2), the second axis up.
+        faces: (F, 3) int64.
+    """
+    a, b, c = points[faces].unbind(dim=1)
+    return 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+
+
 def vertex_normals(vertices: Tensor, faces: Tensor) -> Tensor:
     """(N, 3) unit normals: the area-weighted mean of the faces around; 0 for a vertex of no face."""
     vectors = _area_vectors(vertices, faces)

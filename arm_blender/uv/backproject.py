@@ -8,7 +8,7 @@ from torch import Tensor
 
 from ..graphics.cameras import Camera, project, view_directions
 from ..graphics.color import srgb_from_linear
-from ..graphics.meshes import face_areas, face_normals
+from ..graphics.meshes import face_areas, face_normals, signed_areas
 from ..structures import TexelMap, TexelViews, UvMesh, ViewSet
 from .view_sampling import footprint, sample_view
 from .visibility import depth_buffer, opaque_pixels, unoccluded
@@ -144,9 +144,7 @@ def texture_size_for(mesh: UvMesh, views: ViewSet, maximum: int) -> int:
         depth = project(centers, camera)[1]
         facing = ((normals * view_directions(centers, camera)).sum(dim=1) > 0.0) & (depth > 0.0)
         finest = torch.where(facing, torch.maximum(finest, camera.K[0, 0] / depth.clamp(min=1e-6)), finest)
-    u, v = mesh.uvs[mesh.face_uvs].unbind(dim=2)  # (F, 3) each
-    doubled = (u[:, 1] - u[:, 0]) * (v[:, 2] - v[:, 0]) - (u[:, 2] - u[:, 0]) * (v[:, 1] - v[:, 0])
-    charted = float(doubled.abs().sum()) / 2.0
+    charted = float(signed_areas(mesh.uvs, mesh.face_uvs).abs().sum())
     shown = float((finest**2 * areas).sum()) * float(areas.sum()) / max(float(areas[finest > 0].sum()), 1e-12)
     exact = math.sqrt(max(shown, 1.0) / max(charted, 1e-6))
     return max(SMALLEST_TEXTURE, min(1 << round(math.log2(exact)), 1 << (maximum.bit_length() - 1)))

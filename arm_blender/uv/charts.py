@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
+from ..graphics.meshes import face_normals
 from .connectivity import components, manifold_pairs
 
 BIN_LIMIT = 64
@@ -28,7 +29,7 @@ def projection_charts(vertices: Tensor, faces: Tensor) -> tuple[Tensor, Tensor]:
         seen from the outside.
     """
     corners = vertices[faces]
-    normal = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = face_normals(vertices, faces)
     axis = normal.abs().argmax(dim=1)
     positive = normal.gather(1, axis[:, None])[:, 0] >= 0
     first = torch.where(positive, (axis + 1) % 3, (axis + 2) % 3)

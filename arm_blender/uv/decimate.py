@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from ..errors import EmptyMeshError
+from ..graphics.meshes import face_areas
 from ..structures import TriangleMesh
 from .connectivity import cut_nonmanifold, face_components, manifold_pairs
 
@@ -74,7 +75,7 @@ def decimate(mesh: TriangleMesh, faces: int) -> TriangleMesh:
 def _sound(vertices: Tensor, faces: Tensor) -> Tensor:
     """(F,) bool: finite, with an area, and the first of its kind."""
     finite = vertices.isfinite().all(dim=1)[faces].all(dim=1)
-    sound = finite & (_double_areas(vertices, faces) > 0)
+    sound = finite & (face_areas(vertices, faces) > 0)
     distinct, kind = torch.unique(faces.sort(dim=1).values, dim=0, return_inverse=True)
     number = torch.where(sound, torch.arange(len(faces), device=faces.device), len(faces))
     first = number.new_full((len(distinct),), len(faces)).scatter_reduce(0, kind, number, "amin")
@@ -90,11 +91,6 @@ def _flaps(faces: Tensor) -> Tensor:
     return direction.new_zeros(len(distinct)).index_add_(0, kind, direction)[kind] == 0
 
 
-def _double_areas(vertices: Tensor, faces: Tensor) -> Tensor:
-    a, b, c = vertices[faces].unbind(dim=1)
-    return torch.linalg.vector_norm(torch.linalg.cross(b - a, c - a), dim=1)
-
-
 def _parts_worth_keeping(vertices: Tensor, faces: Tensor, min_part: float) -> tuple[Tensor, int]:
     """(F,) bool, and how many parts are not kept."""
     part = face_components(faces)
@@ -102,7 +98,7 @@ def _parts_worth_keeping(vertices: Tensor, faces: Tensor, min_part: float) -> tu
     if count == 1:
         return torch.ones(len(faces), dtype=torch.bool, device=faces.device), 0
     zero = torch.zeros(count, dtype=torch.float64, device=faces.device)
-    area = zero.index_add(0, part, _double_areas(vertices, faces).double())
+    area = zero.index_add(0, part, face_areas(vertices, faces).double())
     a, b, c = vertices[faces].double().unbind(dim=1)
     volume = zero.index_add(0, part, (a * torch.linalg.cross(b, c)).sum(dim=1))
     paired = torch.bincount(part[manifold_pairs(faces).flatten() // 3], minlength=count)

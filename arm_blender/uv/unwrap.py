@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from ..errors import UnwrapError
+from ..graphics.meshes import face_areas, signed_areas
 from ..structures import Progress, TriangleMesh, UvMesh, silent
 from .charts import pack, projection_charts
 
@@ -88,7 +89,7 @@ def _by_xatlas(mesh: TriangleMesh, config: UnwrapConfig, progress: Progress) -> 
     """The atlas of xatlas; None where it took too long or failed. Whatever `progress` raises passes through."""
     with tempfile.TemporaryDirectory(prefix="arm-unwrap-") as folder:
         source, target, log = (Path(folder, name) for name in ("mesh.npz", "atlas.npz", "log.txt"))
-        area = _areas(mesh).sum()
+        area = face_areas(mesh.vertices, mesh.faces).sum()
         np.savez(
             source,
             vertices=mesh.vertices.detach().cpu().numpy().astype(np.float32),
@@ -109,11 +110,6 @@ def _expected_seconds(mesh: TriangleMesh) -> float:
     return 0.3 + len(mesh.faces) / 1e4
 
 
-def _areas(mesh: TriangleMesh) -> Tensor:
-    a, b, c = mesh.vertices[mesh.faces].unbind(dim=1)
-    return torch.linalg.vector_norm(torch.linalg.cross(b - a, c - a), dim=1) / 2
-
-
 def _uv_mesh(mesh: TriangleMesh, atlas: dict[str, Tensor]) -> UvMesh | None:
     """xatlas's answer on the mesh's own vertices; None where it does not fit the mesh."""
     device = mesh.vertices.device
@@ -129,8 +125,7 @@ def _uv_mesh(mesh: TriangleMesh, atlas: dict[str, Tensor]) -> UvMesh | None:
 
 def _shrink_dropped(faces: Tensor, uvs: Tensor, face_uvs: Tensor) -> Tensor:
     """(F, 3) `face_uvs` in which faces that xatlas left out, all in one place, lie on a corner of a face beside."""
-    a, b, c = uvs[face_uvs].unbind(dim=1)
-    flat = (b - a)[:, 0] * (c - a)[:, 1] == (b - a)[:, 1] * (c - a)[:, 0]
+    flat = signed_areas(uvs, face_uvs) == 0.0
     if not flat.any():
         return face_uvs
     # Any UV that a vertex has in a sound face; -1 where it has none.

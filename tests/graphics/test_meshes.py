@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from arm_blender.graphics.meshes import face_areas, face_normals, sample_surface, vertex_normals
+from arm_blender.graphics.meshes import face_areas, face_normals, sample_surface, signed_areas, vertex_normals
 
 
 def cube() -> tuple[Tensor, Tensor]:
@@ -23,6 +23,12 @@ def test_faces_of_a_cube_point_outwards_with_area_two() -> None:
     assert ((normals * centers).sum(dim=1) > 0).all()
     torch.testing.assert_close(normals.abs().sum(dim=1), torch.ones(12))
     torch.testing.assert_close(face_areas(vertices, faces), torch.full((12,), 2.0))
+
+
+def test_areas_in_the_plane_are_signed_by_the_winding() -> None:
+    corners = torch.tensor([[0.0, 0.0], [4.0, 0.0], [0.0, 3.0], [8.0, -3.0]])
+    areas = signed_areas(corners, torch.tensor([[0, 1, 2], [0, 2, 1], [1, 2, 3]]))
+    assert areas.tolist() == [6.0, -6.0, 0.0]  # The last three lie on one line.
 
 
 def test_vertex_normals_weigh_faces_by_area() -> None:

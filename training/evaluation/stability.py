@@ -10,6 +10,7 @@ import torch
 from arm_blender.graphics.brdf import evaluate
 from arm_blender.graphics.cameras import Camera, intrinsics_from_fovy, look_at, orbit_camera
 from arm_blender.graphics.isosurface import IsosurfaceConfig, extract
+from arm_blender.graphics.meshes import signed_areas
 from arm_blender.graphics.rasterize import rasterize
 from arm_blender.structures import TriangleMesh, ViewSet
 from arm_blender.uv.backproject import backproject, blend
@@ -117,8 +118,7 @@ def slivers() -> Iterator[Row]:
     for segments in (16, 256, 2048):
         mesh = _prism(segments)
         unwrapped, method = unwrap(mesh, UnwrapConfig())
-        u, v = unwrapped.uvs[unwrapped.face_uvs].unbind(dim=-1)
-        area = 0.5 * ((u[:, 1] - u[:, 0]) * (v[:, 2] - v[:, 0]) - (u[:, 2] - u[:, 0]) * (v[:, 1] - v[:, 0])).abs()
+        area = signed_areas(unwrapped.uvs, unwrapped.face_uvs).abs()
         inside = bool(((unwrapped.uvs >= 0.0) & (unwrapped.uvs <= 1.0)).all())
         yield (
             f"a cylinder of {segments:,} slivers a side, unwrapped",
