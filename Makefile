@@ -36,7 +36,9 @@ lint: $(READY)
 	$(BIN)/ruff check .
 
 bench: $(READY)
-	@for file in benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
+	@for file in benchmarks/bench_*.py; do \
+		echo "== $$file"; $(BIN)/python -m benchmarks.$$(basename $$file .py) || exit 1; \
+	done
 
 clean:
 	rm -rf out .pytest_cache .ruff_cache

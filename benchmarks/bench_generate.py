@@ -1,6 +1,6 @@
 """Seconds and memory of `generate`: cold from the start of the process to the last file, warm as the second of a batch.
 
-python benchmarks/bench_generate.py [VIEWS] [--threads N]
+python -m benchmarks.bench_generate [VIEWS] [--threads N]
 """
 
 import argparse

@@ -1,20 +1,18 @@
 """Seconds of the rasteriser for a bumpy sphere: triangles against pixels.
 
-python benchmarks/bench_rasterize.py [--threads N]
+python -m benchmarks.bench_rasterize [--threads N]
 """
 
 import argparse
 import statistics
 import sys
 import time
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parents[1]))  # The project is run from its folder, not installed.
 
 import torch
 import trimesh
+from torch import Tensor
 
-from arm_blender.graphics.cameras import orbit_camera
+from arm_blender.graphics.cameras import Camera, orbit_camera
 from arm_blender.graphics.rasterize import rasterize
 
 REPEATS = 5
@@ -36,7 +34,7 @@ def main() -> int:
     return 0
 
 
-def _median_seconds(vertices, faces, camera) -> float:
+def _median_seconds(vertices: Tensor, faces: Tensor, camera: Camera) -> float:
     rasterize(vertices, faces, camera)  # The first call also pays for torch's start.
     seconds = []
     for _ in range(REPEATS):
