@@ -1,6 +1,6 @@
 # make          the environment: .venv with everything pinned; a second run installs nothing
 # make demo     six views of an object -> out/demo/
-# make test     the tests; make test-slow: the long ones; make lint; make bench
+# make test     the tests; make lint; make bench
 # PYTHON=...    the Python 3.11 to make .venv with; EXAMPLE=... the views of the demo
 
 PYTHON ?= python3.11
@@ -9,7 +9,7 @@ EXAMPLE ?= $(patsubst %/,%,$(firstword $(dir $(wildcard examples/*/transforms.js
 BIN := .venv/bin
 READY := .venv/.installed
 
-.PHONY: all demo test test-slow lint bench clean
+.PHONY: all demo test lint bench clean
 
 all: $(READY)
 
@@ -28,9 +28,6 @@ demo: $(READY)
 
 test: $(READY)
 	$(BIN)/python -m pytest -q
-
-test-slow: $(READY)
-	$(BIN)/python -m pytest -q -m slow
 
 lint: $(READY)
 	$(BIN)/ruff check .
