@@ -18,8 +18,9 @@ from .errors import OutputError
 from .files import check_output
 from .graphics.color import srgb_from_linear
 from .graphics.meshes import vertex_normals
+from .progress import Progress, silent
 from .report import FILE_NAME, Report
-from .structures import MaterialMaps, Progress, RelightableAsset, UvMesh, silent
+from .structures import MaterialMaps, RelightableAsset, UvMesh
 from .uv.maps import constant_value
 from .views.image_io import write_png
 

@@ -16,17 +16,9 @@ from .models.georm import GeoRM
 from .models.glossyrm import GlossyRM
 from .models.instant_albedo import InstantAlbedo, InstantAlbedoConfig
 from .models.reconstruction import ReconstructionConfig, network_views
+from .progress import Progress, part, silent
 from .report import Report
-from .structures import (
-    MaterialMaps,
-    Progress,
-    RelightableAsset,
-    TexelMap,
-    TriangleMesh,
-    UvMesh,
-    ViewSet,
-    silent,
-)
+from .structures import MaterialMaps, RelightableAsset, TexelMap, TriangleMesh, UvMesh, ViewSet
 from .uv import maps
 from .uv.backproject import backproject, blend, texture_size_for
 from .uv.decimate import clean, decimate
@@ -75,14 +67,14 @@ def generate(
         views, frame = normalise(chosen.to(settings.device))
         with report.stage("shape"):
             if settings.mesh is None:
-                mesh = shape(views, settings, _within(progress, 0.0, 0.4))
+                mesh = shape(views, settings, part(progress, 0.0, 0.4))
             else:
                 report.leave_out("reconstruction of the shape", f"{settings.mesh.name} is the shape")
                 mesh = read_mesh(settings.mesh).moved(frame.boxed)
         with report.stage("unwrap"):
-            mesh = atlas(mesh, settings, report, _within(progress, 0.4, 0.6))
+            mesh = atlas(mesh, settings, report, part(progress, 0.4, 0.6))
         with report.stage("appearance"):
-            material = appearance(mesh, views, settings, report, _within(progress, 0.6, 0.95))
+            material = appearance(mesh, views, settings, report, part(progress, 0.6, 0.95))
     mesh = mesh.moved(frame.restore)
     report.faces, report.charts, report.texture_size = len(mesh.faces), mesh.charts, material.albedo.shape[-1]
     return RelightableAsset(views.name, mesh, material).to("cpu"), report
@@ -99,7 +91,7 @@ def shape(views: ViewSet, settings: Settings, progress: Progress = silent) -> Tr
     surface = extract(
         lambda points: network.occupancy_logit(encoded, points[None])[0],
         config,
-        _within(progress, 0.2, 0.8),
+        part(progress, 0.2, 0.8),
         settings.device,
     )
     progress(0.8, "cleaning the mesh")
@@ -136,7 +128,7 @@ def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report,
     painter = _network("instant_albedo", settings)
     albedo, baked = painter(views.images, texels, seen, base)
     progress(0.6, "GlossyRM")
-    roughness, metallic = gloss(mesh, views, texels, settings, report, _within(progress, 0.6, 1.0))
+    roughness, metallic = gloss(mesh, views, texels, settings, report, part(progress, 0.6, 1.0))
     return MaterialMaps(maps.pad(albedo, texels.mask), maps.pad(baked, texels.mask), roughness, metallic)
 
 
@@ -192,8 +184,3 @@ def _running(settings: Settings) -> Iterator[None]:
     finally:
         torch.set_num_threads(threads)
         torch.set_rng_state(random)
-
-
-def _within(progress: Progress, low: float, high: float) -> Progress:
-    """A stage's own progress from 0 to 1 as a part of the run's."""
-    return lambda fraction, message: progress(low + (high - low) * fraction, message)

@@ -8,13 +8,6 @@ from torch import Tensor
 
 from .graphics.cameras import Camera
 
-Progress = Callable[[float, str], None]
-"""Called with a fraction in [0, 1] and what is being done. It raises `Cancelled` when the user has stopped the run."""
-
-
-def silent(fraction: float, message: str) -> None:
-    """The progress callback that reports to nobody."""
-
 
 @dataclass(frozen=True)
 class ViewSet:

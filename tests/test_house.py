@@ -16,6 +16,7 @@ LAYERS = [  # A module imports from its own layer and from earlier ones.
         "errors",
         "version",
         "files",
+        "progress",
         "structures",
         "graphics",
     },  # structures holds cameras, and graphics fills structures.
@@ -130,7 +131,11 @@ def test_no_path_of_one_machine_is_written_down(module):
         assert place not in text
 
 
-@pytest.mark.parametrize("package", ["arm_blender", "arm_blender.errors", "arm_blender.__main__", "training.__main__"])
+LIGHT = ["arm_blender", "arm_blender.errors", "arm_blender.__main__", "training.__main__"]
+LIGHT += ["arm_blender.commands.progress_line"]  # Shown before the seconds of importing torch are counted.
+
+
+@pytest.mark.parametrize("package", LIGHT)
 def test_importing_the_entry_points_is_light(package):
     code = (
         f"import sys, {package}\n"

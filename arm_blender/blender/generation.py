@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from ..progress import Progress
     from ..report import Report
-    from ..structures import Progress, RelightableAsset
+    from ..structures import RelightableAsset
 
 LOADING_SHARE = 0.05
 """Of the progress bar; the networks take the rest."""
@@ -45,14 +46,9 @@ def generate(request: GenerationRequest, progress: Progress) -> tuple[Relightabl
     # Importing torch takes seconds: here it does so on the worker thread, while Blender stays usable.
     from .. import pipeline
     from ..config import Settings
+    from ..progress import part
     from ..report import Report
     from ..views import load_views
-
-    def loading(fraction: float, message: str) -> None:
-        progress(LOADING_SHARE * fraction, message)
-
-    def generating(fraction: float, message: str) -> None:
-        progress(LOADING_SHARE + (1.0 - LOADING_SHARE) * fraction, message)
 
     settings = Settings(
         preset=request.preset,
@@ -64,5 +60,5 @@ def generate(request: GenerationRequest, progress: Progress) -> tuple[Relightabl
     )
     report = Report(settings.preset, settings.device, settings.seed)
     with report.stage("load"):
-        views = load_views(request.views, progress=loading, left_out=report.leave_out)
-    return pipeline.generate(views, settings, generating, report)
+        views = load_views(request.views, progress=part(progress, 0.0, LOADING_SHARE), left_out=report.leave_out)
+    return pipeline.generate(views, settings, part(progress, LOADING_SHARE, 1.0), report)

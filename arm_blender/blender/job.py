@@ -7,6 +7,7 @@ from queue import Empty, SimpleQueue
 from typing import Generic, TypeVar
 
 from ..errors import ArmError, Cancelled
+from ..progress import Progress
 
 Result = TypeVar("Result")
 
@@ -23,7 +24,7 @@ class Job(Generic[Result]):
         failure: the traceback of any other exception, as text, else None: a bug.
     """
 
-    def __init__(self, work: Callable[[Callable[[float, str], None]], Result]) -> None:
+    def __init__(self, work: Callable[[Progress], Result]) -> None:
         self.result: Result | None = None
         self.error: ArmError | None = None
         self.failure: str | None = None

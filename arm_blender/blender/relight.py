@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 
 from ..errors import ArmError
-from ..structures import Progress, silent
+from ..progress import Progress, silent
 from .compat import reason, use_cycles, use_eevee, use_neutral_view, use_png
 from .console import without_chatter
 from .export import written_by_blender

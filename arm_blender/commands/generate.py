@@ -15,12 +15,14 @@ from typing import TYPE_CHECKING
 
 from ..errors import ArmError
 from ..files import check_output
+from ..progress import part
 from . import UsageError
 
 if TYPE_CHECKING:
     from ..config import Settings
+    from ..progress import Progress
     from ..report import Report
-    from ..structures import Progress, RelightableAsset
+    from ..structures import RelightableAsset
     from ..views import ViewOptions
 
 NO_BPY = "bpy is not installed here; `pip install bpy`, or use `blender --command arm`"
@@ -99,7 +101,6 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
     """
     check_output(args.output)
     from ..report import Report
-    from .progress_line import part
 
     report = Report(args.preset, args.device, args.seed)
     progress(0.0, "starting")

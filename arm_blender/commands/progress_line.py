@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TextIO
 
+from ..progress import Progress, silent
 from ..report import Report
-from ..structures import Progress, silent
 
 
 class ProgressLine:
@@ -44,11 +44,6 @@ def shown(choice: str) -> Iterator[Progress]:
         yield line
     finally:
         line.clear()
-
-
-def part(progress: Progress, start: float, end: float) -> Progress:
-    """A `Progress` whose 0 to 1 is `start` to `end` of `progress`."""
-    return lambda fraction, message: progress(start + (end - start) * fraction, message)
 
 
 def summary(report: Report) -> str:

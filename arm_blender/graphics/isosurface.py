@@ -12,7 +12,8 @@ import torch
 from torch import Tensor
 
 from ..errors import EmptyMeshError
-from ..structures import Progress, TriangleMesh, silent
+from ..progress import Progress, silent
+from ..structures import TriangleMesh
 from .marching_tables import CORNERS, EDGES, triangle_table
 from .sample_grid import BlockSamples, Density, IsosurfaceConfig, sample_blocks
 

@@ -11,7 +11,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ..structures import Progress
+from ..progress import Progress
 
 NEARNESS = 0.75
 """A block is a candidate if a corner is nearer to the iso-value than this share of the change along an edge of a block.

@@ -17,7 +17,8 @@ from torch import Tensor
 
 from ..errors import UnwrapError
 from ..graphics.meshes import face_areas, signed_areas
-from ..structures import Progress, TriangleMesh, UvMesh, silent
+from ..progress import Progress, silent
+from ..structures import TriangleMesh, UvMesh
 from .charts import pack, projection_charts
 
 logger = logging.getLogger(__name__)

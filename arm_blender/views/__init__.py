@@ -8,7 +8,8 @@ from pathlib import Path
 import torch
 
 from ..errors import ArmError, InputImageError
-from ..structures import Progress, ViewSet, silent
+from ..progress import Progress, silent
+from ..structures import ViewSet
 from . import preprocess
 from .image_io import pictures_in, read_image
 from .multiview import Folder, View, provider

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from ..errors import ArmError, InputImageError
 from ..graphics.cameras import Camera
-from ..structures import Progress
+from ..progress import Progress
 from . import preprocess
 from .image_io import pictures_in, read_image
 from .rigs import AZIMUTHS_DEG, front_camera, zero123plus_rig

@@ -12,7 +12,8 @@ from torch.nn.functional import grid_sample
 
 from arm_blender.graphics.cameras import project
 from arm_blender.graphics.isosurface import IsosurfaceConfig, extract
-from arm_blender.structures import Progress, TriangleMesh, ViewSet, silent
+from arm_blender.progress import Progress, silent
+from arm_blender.structures import TriangleMesh, ViewSet
 
 
 def visual_hull(views: ViewSet, resolution: int, progress: Progress = silent) -> TriangleMesh:
