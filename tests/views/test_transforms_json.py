@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 
 import pytest
 import torch
@@ -102,9 +103,21 @@ def test_intrinsics_follow_a_scaled_picture(folder):
         ({"camera_angle_x": 30.0}, "radians"),
         ({"camera_angle_x": None}, "camera_angle_x"),
         ({"fl_x": -5.0}, "fl_x"),
+        ({"fl_x": 1e300}, "fl_x"),
+        ({"camera_angle_x": 1e-200}, "focal length"),
+        ({"cx": 10**400}, "cx"),
+        ({"w": -64, "h": -48}, "w is -64"),
+        ({"w": 0, "h": 0}, "w is 0"),
+        ({"frames": [{"file_path": "0.png", "transform_matrix": [[1, 0, 0, 1e30], *IDENTITY[1:]]}]}, "4 rows"),
+        ({"frames": [{"file_path": "0.png", "transform_matrix": [[10**400] * 4] * 4}]}, "transform_matrix"),
+        ({"frames": [{"file_path": "x" * 5000, "transform_matrix": IDENTITY}]}, "names no file"),
+        ({"frames": [{"file_path": "a\0b", "transform_matrix": IDENTITY}]}, "names no file"),
+        ({"frames": [{"file_path": "\ud800", "transform_matrix": IDENTITY}]}, "names no file"),
+        ({"frames": [{"file_path": "circle.png", "transform_matrix": IDENTITY}]}, "names no file"),
     ],
 )
 def test_an_error_names_the_file_and_the_field(folder, fields, word):
+    (folder / "circle.png").symlink_to("circle.png")
     path = write(folder, **fields)
     with pytest.raises(CameraError, match=word) as caught:
         cameras_of(path)
@@ -121,10 +134,19 @@ def test_a_picture_may_not_leave_the_folder(folder, file_path):
         read_transforms(path)
 
 
+def test_a_frame_of_the_folder_itself_is_no_picture(folder, monkeypatch):
+    """Also where the folder is the current one, whose name is empty."""
+    write(folder, frames=[{"file_path": ".", "transform_matrix": IDENTITY}])
+    monkeypatch.chdir(folder)
+    with pytest.raises(InputImageError, match="no such picture"):
+        read_transforms(Path("transforms.json"))
+
+
 def test_what_is_missing_or_no_json_is_named(folder):
     (folder / "broken.json").write_text('{"frames": [')
     (folder / "bytes.json").write_bytes(b"\xff\xfe\x00")
-    for name in ("broken.json", "bytes.json", "missing.json"):
+    (folder / "deep.json").write_text("[" * 100_000)
+    for name in ("broken.json", "bytes.json", "deep.json", "missing.json"):
         with pytest.raises(CameraError, match=name) as caught:
             read_transforms(folder / name)
         assert "\n" not in str(caught.value)
