@@ -25,6 +25,12 @@ _DISTORTION = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 _PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
 """Camera models that are pinholes once their distortion is 0."""
 
+_LARGEST = 1e9
+"""Of any number in a file. Larger ones mean nothing, and the squares of some leave the range of float32."""
+
+_FOCALS = 1e-3, 1e6
+"""Pixels: beyond these a picture is all around the camera, or a point."""
+
 _RIGID_TOLERANCE = 1e-3
 """How far the rotation may be from orthonormal: six decimals in a file pass, a scale or a mirror does not."""
 
@@ -53,7 +59,7 @@ class PosedFrame:
         Raises:
             CameraError: there are no intrinsics, they are no numbers, or they are for a picture of another shape.
         """
-        stated = self._number("w") or float(width), self._number("h") or float(height)
+        stated = self._side("w", width), self._side("h", height)
         scale_x, scale_y = width / stated[0], height / stated[1]
         # Half a pixel of rounding in a scaled picture is no other shape.
         if abs(scale_x / scale_y - 1.0) > 1.0 / min(width, height):
@@ -85,7 +91,20 @@ class PosedFrame:
         focal = focal_x or focal_y
         if focal is None:
             raise CameraError(f"{self.where}: no camera_angle_x and no fl_x; add the field of view or the focal length")
-        return focal_x or focal, focal_y or focal
+        focals = focal_x or focal, focal_y or focal
+        for focal in focals:
+            if not _FOCALS[0] <= focal <= _FOCALS[1]:
+                raise CameraError(f"{self.where}: the focal length is {focal:g} pixels; correct it or camera_angle_x")
+        return focals
+
+    def _side(self, name: str, actual: int) -> float:
+        """The stated width or height, pixels; the picture's own where the file says nothing."""
+        side = self._number(name)
+        if side is None:
+            return float(actual)
+        if not side >= 1.0:
+            raise CameraError(f"{self.where}: {name} is {side:g}; give the size of the picture in pixels")
+        return side
 
     def _number(self, name: str) -> float | None:
         return _number(self.fields.get(name), name, self.where)
@@ -103,7 +122,7 @@ def read_transforms(path: Path) -> tuple[PosedFrame, ...]:
         data = json.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise CameraError(f"{path}: cannot be read ({error.strerror}); check the path") from error
-    except ValueError as error:  # Also bytes that are no UTF-8.
+    except (ValueError, RecursionError) as error:  # Also bytes that are no UTF-8, and brackets without end.
         raise CameraError(f"{path}: no valid JSON ({error}); export it again") from error
     frames = data.get("frames") if isinstance(data, dict) else None
     if not isinstance(frames, list) or not frames:
@@ -179,10 +198,14 @@ def _picture(path: Path, file_path: str, where: str) -> Path:
     """The picture of a frame: inside the folder of the file, links followed; the extension may be missing."""
     folder = path.parent.resolve()
     named = path.parent / file_path.replace("\\", "/")
-    for candidate in (named, *(named.with_name(named.name + suffix) for suffix in SUFFIXES)):
-        if not candidate.resolve().is_relative_to(folder):
+    for candidate in (named, *(Path(f"{named}{suffix}") for suffix in SUFFIXES)):
+        try:
+            inside, found = candidate.resolve().is_relative_to(folder), candidate.is_file()
+        except (OSError, ValueError, RuntimeError) as error:  # Too long, a character no name has, links in a circle.
+            raise CameraError(f"{where}: file_path names no file; correct it") from error
+        if not inside:
             raise CameraError(f"{where}: file_path leaves the folder; move the picture beside {path.name}")
-        if candidate.is_file():
+        if found:
             return candidate
     raise InputImageError(f"{where}: no such picture in {path.parent}; correct file_path or add the file")
 
@@ -191,11 +214,11 @@ def _rigid(matrix: Any, where: str) -> Tensor:
     """(4, 4) float32 of a list of 4 (or 3) rows of 4 numbers that is a rotation and a translation."""
     try:
         c2w = torch.tensor(matrix, dtype=torch.float64)
-    except (TypeError, ValueError, RuntimeError):
+    except (TypeError, ValueError, RuntimeError, OverflowError):
         c2w = torch.zeros(0)
     if c2w.shape == (3, 4):
         c2w = torch.cat([c2w, torch.tensor([[0.0, 0.0, 0.0, 1.0]], dtype=torch.float64)])
-    if c2w.shape != (4, 4) or not torch.isfinite(c2w).all():
+    if c2w.shape != (4, 4) or not bool((c2w.abs() <= _LARGEST).all()):
         raise CameraError(f"{where}: transform_matrix is not 4 rows of 4 numbers; export the cameras again")
     rotation, last = c2w[:3, :3], torch.tensor([0.0, 0.0, 0.0, 1.0], dtype=torch.float64)
     skew = (rotation.T @ rotation - torch.eye(3, dtype=torch.float64)).abs().max()
@@ -208,6 +231,6 @@ def _number(value: Any, name: str, where: str) -> float | None:
     """`value` as a finite float; None where the field is absent."""
     if value is None:
         return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise CameraError(f"{where}: {name} is {value!r}; give a finite number")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _LARGEST:
+        raise CameraError(f"{where}: {name} is {repr(value)[:40]}; give a number, at most {_LARGEST:g}")
     return float(value)
