@@ -1,6 +1,5 @@
 """From files to posed views: a folder with transforms.json, a folder of six pictures in rig order, one picture."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +16,9 @@ from .rigs import ZERO123PLUS
 from .transforms_json import read_transforms
 
 TRANSFORMS = "transforms.json"
+
+WEIGHTS = 1e-6, 1e6
+"""A view's weight is 0 or lies between these: what is blended by it stays far from the ends of float32."""
 
 LeaveOut = Callable[[str, str], None]
 """Is told what was not used, and why; `Report.leave_out` is one."""
@@ -42,8 +44,8 @@ class ViewOptions:
     def __post_init__(self) -> None:
         if self.rig != ZERO123PLUS:
             raise ArmError(f"--rig {self.rig}: unknown; the rig is {ZERO123PLUS}")
-        if not self.rig_distance > 0.0:
-            raise ArmError(f"--rig-distance {self.rig_distance:g}: give a positive distance")
+        if not 0.0 < self.rig_distance <= 1e6:
+            raise ArmError(f"--rig-distance {self.rig_distance:g}: give a positive distance, at most 1e6")
         if self.fovy_deg is not None and not 0.0 < self.fovy_deg < 180.0:
             raise ArmError(f"--fovy {self.fovy_deg:g}: give degrees between 0 and 180")
         if self.elevation_deg is not None and not -90.0 <= self.elevation_deg <= 90.0:
@@ -74,6 +76,10 @@ def load_views(
     preprocess.same_size([view.image for view in views], [view.path for view in views])
     if options.weights is not None:
         views = _weighted(views, options.weights, path)
+    for view in views:
+        if view.weight != 0.0 and not WEIGHTS[0] <= view.weight <= WEIGHTS[1]:
+            limits = " to ".join(f"{limit:g}" for limit in WEIGHTS)
+            raise InputImageError(f"{view.path}: its weight is {view.weight:g}; give 0, or {limits}")
     seeing = preprocess.seeing_views([view.image for view in views], [view.path for view in views])
     if left_out is not None:
         for index in sorted(set(range(len(views))) - set(seeing)):
@@ -123,8 +129,6 @@ def _posed_views(transforms: Path, progress: Progress) -> list[View]:
 def _weighted(views: list[View], weights: tuple[float, ...], path: Path) -> list[View]:
     if len(weights) != len(views):
         raise InputImageError(f"{path}: {len(views)} views but {len(weights)} --view-weights; give one per view")
-    if not all(math.isfinite(weight) and weight >= 0.0 for weight in weights):
-        raise InputImageError(f"{path}: --view-weights must be 0 or more; give one per view")
     return [replace(view, weight=weight) for view, weight in zip(views, weights, strict=True)]
 
 

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from ..errors import InputImageError
 from ..files import whole_file
-from ..graphics.color import linear_from_srgb, srgb_from_linear
+from ..graphics.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 
 logger = logging.getLogger(__name__)
 
@@ -40,6 +40,10 @@ def read_image(path: Path) -> Tensor:
         raise InputImageError(f"{path}: no such file; check the path")
     if path.stat().st_size == 0:
         raise InputImageError(f"{path}: the file is empty; export the picture again")
+    try:
+        str(path).encode()
+    except UnicodeEncodeError as error:
+        raise InputImageError(f"{path}: the name is no UTF-8; rename the file or its folder") from error
     # "Unassociated" hands over the stored colour: OpenImageIO would multiply by alpha in 8 bits and lose the dark ends.
     wish = oiio.ImageSpec()
     wish.attribute("oiio:UnassociatedAlpha", 1)
@@ -94,7 +98,7 @@ def write_png(path: Path, image: Tensor, srgb: bool) -> None:
     image = image.detach().to("cpu", torch.float32)
     if srgb:
         image = torch.cat([srgb_from_linear(image[:3]), image[3:]])
-    pixels = (image.clamp(0.0, 1.0) * 255.0).round().to(torch.uint8).permute(1, 2, 0).contiguous().numpy()
+    pixels = bytes_from_unit(image).permute(1, 2, 0).contiguous().numpy()
     height, width, channels = pixels.shape
     spec = oiio.ImageSpec(width, height, channels, "uint8")
     spec.attribute("oiio:UnassociatedAlpha", 1)

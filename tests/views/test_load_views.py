@@ -1,5 +1,9 @@
 """From files to a set of views: what is taken, what is skipped, what is refused."""
 
+import math
+import os
+import shutil
+
 import pytest
 import torch
 
@@ -90,6 +94,9 @@ def test_what_does_not_do_is_refused_by_name(six, tmp_path):
         load_views(six, ViewOptions(weights=(1.0, 2.0)))
     with pytest.raises(InputImageError, match="weight 0"):
         load_views(six, ViewOptions(weights=(0.0,) * 6))
+    for extreme in (1e-300, 1e39, math.nan, -1.0):  # In float32 the first is 0 and the second infinite.
+        with pytest.raises(InputImageError, match="0.png: its weight is"):
+            load_views(six, ViewOptions(weights=(extreme, 1.0, 1.0, 1.0, 1.0, 1.0)))
     write_png(six / "4.png", picture(0.5)[:, :48], srgb=True)
     with pytest.raises(InputImageError, match="4.png: views of different sizes"):
         load_views(six)
@@ -99,11 +106,25 @@ def test_what_does_not_do_is_refused_by_name(six, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"rig": "other"}, {"rig_distance": 0.0}, {"fovy_deg": 200.0}, {"elevation_deg": 100.0}], ids=str
+    "wrong",
+    [{"rig": "x"}, {"rig_distance": 0.0}, {"rig_distance": math.inf}, {"fovy_deg": 200.0}, {"elevation_deg": 100.0}],
+    ids=str,
 )
 def test_options_out_of_range_are_refused(wrong):
     with pytest.raises(ArmError, match="--"):
         ViewOptions(**wrong)
+
+
+def test_a_name_that_no_file_can_have_or_no_reader_takes_is_refused(six, tmp_path):
+    with pytest.raises(InputImageError, match="too long"):
+        load_views(tmp_path / ("x" * 5000))
+    foreign = tmp_path / os.fsdecode(b"\xff.png")
+    try:
+        shutil.copy(six / "0.png", foreign)
+    except OSError:
+        pytest.skip("this file system takes UTF-8 only")
+    with pytest.raises(InputImageError, match="no UTF-8"):
+        load_views(foreign)
 
 
 def test_a_provider_that_is_not_there_says_what_to_do(six):
