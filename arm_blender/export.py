@@ -16,19 +16,13 @@ from torch import Tensor
 
 from .errors import OutputError
 from .files import check_output
-from .graphics.color import srgb_from_linear
+from .graphics.color import bytes_from_unit, srgb_from_linear
 from .graphics.meshes import vertex_normals
 from .progress import Progress, silent
 from .report import FILE_NAME, Report
 from .structures import MaterialMaps, RelightableAsset, UvMesh
-from .uv.maps import constant_value
+from .uv.maps import CONSTANT_SIDE, ONE_STEP, constant_value
 from .views.image_io import write_png
-
-CONSTANT_SIDE = 4
-"""Texels a side of the picture of a constant map."""
-
-_TOLERANCE = 0.5 / 255.0
-"""A map whose values round to one 8-bit value is constant."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +117,7 @@ def gltf_from_world(vectors: Tensor) -> Tensor:
 
 
 def _material(name: str, maps: MaterialMaps) -> trimesh.visual.material.PBRMaterial:
-    roughness, metallic = (constant_value(image, None, _TOLERANCE) for image in (maps.roughness, maps.metallic))
+    roughness, metallic = (constant_value(image, None, ONE_STEP) for image in (maps.roughness, maps.metallic))
     texture = None
     if roughness is None or metallic is None:
         size = max(maps.roughness.shape[-1], maps.metallic.shape[-1])
@@ -151,8 +145,7 @@ def _sized(image: Tensor, size: int) -> Tensor:
 
 def _picture(image: Tensor) -> Image.Image:
     """An 8-bit picture of (3, T, T) in [0, 1], as it is; row 0 on top."""
-    pixels = (image.detach().cpu().clamp(0.0, 1.0) * 255.0).round().to(torch.uint8)
-    return Image.fromarray(pixels.permute(1, 2, 0).contiguous().numpy(), "RGB")
+    return Image.fromarray(bytes_from_unit(image).permute(1, 2, 0).contiguous().cpu().numpy(), "RGB")
 
 
 def _write_textures(maps: MaterialMaps, folder: Path) -> None:
@@ -163,7 +156,7 @@ def _write_textures(maps: MaterialMaps, folder: Path) -> None:
         ("metallic", maps.metallic, False),
         ("baked", maps.baked, True),
     ):
-        if all(constant_value(channel[None], None, _TOLERANCE) is not None for channel in image):
+        if all(constant_value(channel[None], None, ONE_STEP) is not None for channel in image):
             image = image[:, :CONSTANT_SIDE, :CONSTANT_SIDE]
         write_png(folder / f"{name}.png", image, srgb)
 

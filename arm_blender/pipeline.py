@@ -106,7 +106,7 @@ def atlas(mesh: TriangleMesh | UvMesh, settings: Settings, report: Report, progr
     config = UnwrapConfig(texture_size=settings.resolved.texture_size, time_limit=settings.time_limit)
     unwrapped, method = unwrap(mesh, config, progress)
     if method != "xatlas":
-        report.leave_out("xatlas", f"it did not finish within {settings.time_limit:g} s; charts are {method}s")
+        report.leave_out("xatlas", f"it failed, or took more than {settings.time_limit:g} s; charts are projections")
     return unwrapped
 
 
@@ -135,7 +135,7 @@ def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report,
 def gloss(
     mesh: UvMesh, views: ViewSet, texels: TexelMap, settings: Settings, report: Report, progress: Progress
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Roughness and metallic (1, T, T), decoded at the texels; 4 x 4 where the map is one value."""
+    """Roughness and metallic (1, T, T), decoded at the texels; small where the map is one value."""
     network = _network("glossyrm", settings)
     encoded = network.encode(network_views(views, network.config))
     if len(texels.mask) > GLOSSY_TEXELS:
@@ -153,7 +153,7 @@ def gloss(
         constant = maps.constant_value(image, texels.mask, CONSTANT_TOLERANCE)
         if constant is not None:
             report.leave_out(f"{name} texture", f"it is {constant:.2f} everywhere")
-            image = image.new_full((1, 4, 4), constant)
+            image = image.new_full((1, maps.CONSTANT_SIDE, maps.CONSTANT_SIDE), constant)
         result.append(image)
     return result[0], result[1]
 

@@ -8,13 +8,10 @@ from torch import Tensor
 
 from ..graphics.color import srgb_from_linear
 from ..structures import MaterialMaps
-from ..uv.maps import constant_value
+from ..uv.maps import ONE_STEP, constant_value
 from .compat import shader_tree
 
 ColorSpace = Literal["sRGB", "Non-Color"]
-
-CONSTANT_TOLERANCE = 0.5 / 255.0
-"""Half a range: a map that varies by no more than one step of its 8-bit file is a value, not a texture."""
 
 _COLUMN = -640.0
 _ROW = 320.0
@@ -63,7 +60,7 @@ def build_material(name: str, maps: MaterialMaps) -> bpy.types.Material:
     tree.links.new(albedo.outputs["Color"], surface.inputs["Base Color"])
     textures = [albedo]
     for row, (socket, texels) in enumerate((("Roughness", maps.roughness), ("Metallic", maps.metallic)), start=1):
-        value = constant_value(texels, None, CONSTANT_TOLERANCE)
+        value = constant_value(texels, None, ONE_STEP)
         if value is not None:
             surface.inputs[socket].default_value = value
             continue

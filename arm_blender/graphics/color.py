@@ -1,6 +1,6 @@
-"""Transfer functions between linear Rec.709 and sRGB (IEC 61966-2-1), and compositing of straight alpha."""
+"""Transfer functions between linear Rec.709 and sRGB (IEC 61966-2-1), 8-bit values, compositing of straight alpha."""
 
-from torch import Tensor, where
+from torch import Tensor, uint8, where
 
 
 def srgb_from_linear(linear: Tensor) -> Tensor:
@@ -14,6 +14,11 @@ def linear_from_srgb(srgb: Tensor) -> Tensor:
     """Linear Rec.709 in [0, 1] from sRGB, any shape; values outside [0, 1] are clamped."""
     srgb = srgb.clamp(0.0, 1.0)
     return where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+
+
+def bytes_from_unit(values: Tensor) -> Tensor:
+    """uint8 0 to 255 from [0, 1], any shape, rounded; values outside are clamped. The transfer function stays."""
+    return (values.detach().clamp(0.0, 1.0) * 255.0).round().to(uint8)
 
 
 def composite(color: Tensor, alpha: Tensor, background: float) -> Tensor:

@@ -6,6 +6,9 @@ from torch.nn import functional
 
 from ..structures import TexelMap
 
+CONSTANT_SIDE = 4  # Texels a side of a map that is one value.
+ONE_STEP = 0.5 / 255.0  # Tolerance for `constant_value`: a map that varies by one step of its 8-bit file at most.
+
 FILL_RESOLUTION = 64  # Cells a side of the grid in which seen colours spread to unseen texels.
 ENOUGH = 1.0  # Seen texels around a point before their mean stands without that of the coarser level.
 

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from arm_blender.graphics.color import composite, linear_from_srgb, srgb_from_linear
+from arm_blender.graphics.color import bytes_from_unit, composite, linear_from_srgb, srgb_from_linear
 
 
 def test_mid_grey_is_the_standards():
@@ -20,6 +20,13 @@ def test_gradient_is_finite_down_to_black():
     linear = torch.zeros(3, requires_grad=True)
     srgb_from_linear(linear).sum().backward()
     assert torch.equal(linear.grad, torch.full((3,), 12.92))
+
+
+def test_bytes_are_rounded_and_clamped():
+    every = torch.arange(256)
+    assert torch.equal(bytes_from_unit((every + 0.49) / 255.0), every.byte())
+    assert torch.equal(bytes_from_unit((every - 0.49) / 255.0), every.byte())
+    assert bytes_from_unit(torch.tensor([-3.0, 2.0, torch.inf])).tolist() == [0, 255, 255]
 
 
 def test_compositing_keeps_the_opaque_and_shows_the_background_elsewhere():

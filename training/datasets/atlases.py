@@ -14,7 +14,7 @@ from torch import Tensor
 
 from arm_blender.errors import ArmError, EmptyMeshError, UnwrapError
 from arm_blender.graphics.cameras import Camera, project, view_directions
-from arm_blender.graphics.color import linear_from_srgb, srgb_from_linear
+from arm_blender.graphics.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 from arm_blender.graphics.rasterize import interpolate, rasterize
 from arm_blender.structures import TexelMap, TexelViews, TriangleMesh, UvMesh, ViewSet
 from arm_blender.uv.backproject import backproject, blend
@@ -206,7 +206,7 @@ def _seen(texels: TexelMap, color: Tensor, visible: Tensor, views: tuple[Camera,
 
 def _bytes(linear: Tensor) -> np.ndarray:
     """uint8 sRGB, as files keep colours."""
-    return (srgb_from_linear(linear) * 255.0).round().to(torch.uint8).numpy()
+    return bytes_from_unit(srgb_from_linear(linear)).numpy()
 
 
 def files(cache: Path) -> list[Path]:

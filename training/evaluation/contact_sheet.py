@@ -6,7 +6,7 @@ from torch import Tensor
 from torch.nn.functional import interpolate
 
 from arm_blender.graphics.cameras import Camera, orbit_camera
-from arm_blender.graphics.color import composite, srgb_from_linear
+from arm_blender.graphics.color import bytes_from_unit, composite, srgb_from_linear
 from arm_blender.graphics.meshes import face_normals
 from arm_blender.graphics.rasterize import rasterize
 from arm_blender.structures import TriangleMesh, ViewSet
@@ -61,4 +61,4 @@ def normal_picture(mesh: TriangleMesh, camera: Camera) -> Tensor:
 
 def _image(picture: Tensor) -> Image.Image:
     """(3, H, W) in [0, 1] as 8 bit."""
-    return Image.fromarray((picture.clamp(0.0, 1.0) * 255.0 + 0.5).to(torch.uint8).permute(1, 2, 0).numpy())
+    return Image.fromarray(bytes_from_unit(picture).permute(1, 2, 0).contiguous().numpy())
