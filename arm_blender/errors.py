@@ -7,6 +7,10 @@ Programs catch `ArmError` only. Anything else is a bug and keeps its traceback.
 class ArmError(Exception):
     """Base of every error that a user can do something about."""
 
+    def __str__(self) -> str:
+        """One line that any stream takes, whatever a file's name or another program's message brought into it."""
+        return " ".join(super().__str__().splitlines()).encode("utf-8", "backslashreplace").decode()
+
 
 class InputImageError(ArmError):
     """An image is missing, unreadable, empty, or does not fit the others."""

@@ -48,12 +48,15 @@ def check_output(directory: Path) -> None:
         OutputError: it cannot; the line names the folder that is in the way.
     """
     nearest = directory.absolute()
-    while not nearest.exists() and nearest != nearest.parent:
-        nearest = nearest.parent
-    if not nearest.is_dir():
-        raise OutputError(f"{nearest}: is a file, not a folder; choose another --output")
     try:
+        str(nearest).encode()  # The writers of pictures and Blender take no other names.
+        while not nearest.exists() and nearest != nearest.parent:
+            nearest = nearest.parent
+        if not nearest.is_dir():
+            raise OutputError(f"{nearest}: is a file, not a folder; choose another --output")
         with tempfile.TemporaryFile(dir=nearest):
             pass
+    except UnicodeEncodeError as error:
+        raise OutputError(f"{nearest}: the name is no UTF-8; choose another --output") from error
     except OSError as error:
         raise OutputError(f"{nearest}: cannot be written ({error.strerror}); choose another --output") from error

@@ -72,7 +72,10 @@ def load_views(
         Cancelled: by `progress`.
     """
     options = options or ViewOptions()
-    views = _read(path, options, progress)
+    try:
+        views = _read(path, options, progress)
+    except OSError as error:
+        raise InputImageError(f"{path}: cannot be read ({error.strerror}); check the path and its rights") from error
     preprocess.same_size([view.image for view in views], [view.path for view in views])
     if options.weights is not None:
         views = _weighted(views, options.weights, path)
