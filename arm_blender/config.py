@@ -1,8 +1,10 @@
 """What a user chooses: a preset of networks, a quality level, and single knobs over it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
+
+import torch
 
 from . import checkpoints
 from .errors import ArmError
@@ -48,6 +50,10 @@ QUALITIES: dict[str, Quality] = {
 }
 
 
+MAXIMUM_THREADS = 1024
+"""More is a slip of the finger, and the system may refuse to start them."""
+
+
 @dataclass(frozen=True)
 class Settings:
     """One run. Knobs that are None follow the quality level."""
@@ -77,6 +83,7 @@ class Settings:
         for name, value, known in (("preset", self.preset, PRESETS), ("quality", self.quality, QUALITIES)):
             if value not in known:
                 raise ArmError(f"--{name} {value}: unknown; choose one of {', '.join(known)}")
+        self._check_machine()
         size = self.resolved.texture_size
         if not 256 <= size <= 8192 or size & (size - 1):
             raise ArmError(f"--texture-size {size}: give a power of two from 256 to 8192")
@@ -86,12 +93,25 @@ class Settings:
             raise ArmError(f"--grid {self.resolved.grid}: give 16 to 512")
         if not self.time_limit > 0.0:
             raise ArmError(f"--time-limit {self.time_limit:g}: give positive seconds")
+        if not 0 <= self.seed < 2**63:
+            raise ArmError(f"--seed {self.seed}: give 0 to 2**63 - 1")
+
+    def _check_machine(self) -> None:
+        """Raises `ArmError` where this machine, or this build of torch, has not what the settings ask for."""
+        there = {"cpu": True, "cuda": torch.cuda.is_available(), "mps": torch.backends.mps.is_available()}
+        if self.device not in there:
+            raise ArmError(f"--device {self.device}: unknown; choose one of {', '.join(there)}")
+        if not there[self.device]:
+            raise ArmError(f"--device {self.device}: torch finds none here; choose cpu, or see `arm doctor`")
+        if self.threads is not None and not 1 <= self.threads <= MAXIMUM_THREADS:
+            raise ArmError(f"--threads {self.threads}: give 1 to {MAXIMUM_THREADS}")
 
     @property
     def resolved(self) -> Quality:
         """The quality level with the single knobs over it."""
         level = QUALITIES[self.quality]
-        return Quality(self.grid or level.grid, self.faces or level.faces, self.texture_size or level.texture_size)
+        own = {name: getattr(self, name) for name in ("grid", "faces", "texture_size")}
+        return replace(level, **{name: value for name, value in own.items() if value is not None})
 
     def weights(self, network: str) -> Path:
         """The weights file of "georm", "glossyrm" or "instant_albedo"."""

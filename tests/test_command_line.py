@@ -154,6 +154,17 @@ def test_a_bad_input_is_one_line_that_names_it(pipeline, tmp_path, capfd, case):
     assert not (tmp_path / "out").exists()
 
 
+def test_an_error_is_one_line_whatever_the_file_is_called(pipeline, tmp_path, capsys):
+    assert run("generate", tmp_path / "a\nb.png", "--output", tmp_path / "out") == 1
+    assert "a b.png" in only_line(capsys.readouterr().err)
+
+
+@pytest.mark.parametrize("name", ["x" * 300, os.fsdecode(b"\xff")], ids=["too long", "no UTF-8"])
+def test_an_output_that_no_file_system_or_writer_takes_is_refused(pipeline, picture, tmp_path, capsys, name):
+    assert run("generate", picture, "--output", tmp_path / name) == 1
+    assert "choose another --output" in only_line(capsys.readouterr().err) and pipeline == []
+
+
 def test_an_unwritable_output_is_refused_before_any_work(pipeline, picture, capsys):
     assert run("generate", picture, "--output", picture / "out") == 1
     assert "cup.png" in only_line(capsys.readouterr().err) and pipeline == []
@@ -178,6 +189,15 @@ def test_missing_weights_are_one_line(picture, tmp_path, capsys, monkeypatch):
         ["generate", "VIEWS", "--output", "OUT", "--faces", "many"],
         ["generate", "VIEWS", "--output", "OUT", "--texture-size", "1000"],
         ["generate", "VIEWS", "--output", "OUT", "--preset", "huge"],
+        ["generate", "VIEWS", "--output", "OUT", "--faces", "0"],
+        ["generate", "VIEWS", "--output", "OUT", "--grid", "0"],
+        ["generate", "VIEWS", "--output", "OUT", "--texture-size", "0"],
+        ["generate", "VIEWS", "--output", "OUT", "--threads", "0"],
+        ["generate", "VIEWS", "--output", "OUT", "--threads", "-1"],
+        ["generate", "VIEWS", "--output", "OUT", "--seed", "-1"],
+        ["generate", "VIEWS", "--output", "OUT", "--seed", "99999999999999999999"],
+        ["generate", "VIEWS", "--output", "OUT", "--device", "tpu"],
+        ["generate", "VIEWS", "--output", "OUT", "--device", "cuda:0"],
         ["generate", "VIEWS", "--output", "OUT", "--view-weights", "1,-1"],
         ["generate", "VIEWS", "--output", "OUT", "--fovy", "190"],
         ["batch", "VIEWS", "--output", "OUT", "--jobs", "0"],
@@ -189,6 +209,14 @@ def test_bad_usage_is_one_line_and_status_2(pipeline, picture, tmp_path, capsys,
     assert run(*(places.get(word, word) for word in words)) == 2
     only_line(capsys.readouterr().err)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("device", ["cuda", "mps"])
+def test_a_device_that_is_not_there_is_bad_usage(pipeline, picture, tmp_path, capsys, monkeypatch, device):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    monkeypatch.setattr(torch.backends.mps, "is_available", lambda: False)
+    assert run("generate", picture, "--output", tmp_path / "out", "--device", device) == 2
+    assert f"--device {device}" in only_line(capsys.readouterr().err)
 
 
 def test_a_bug_keeps_its_traceback(pipeline, picture, tmp_path, monkeypatch):
