@@ -40,6 +40,10 @@ def read_image(path: Path) -> Tensor:
         raise InputImageError(f"{path}: no such file; check the path")
     if path.stat().st_size == 0:
         raise InputImageError(f"{path}: the file is empty; export the picture again")
+    try:
+        str(path).encode()
+    except UnicodeEncodeError as error:
+        raise InputImageError(f"{path}: the name is no UTF-8; rename the file or its folder") from error
     # "Unassociated" hands over the stored colour: OpenImageIO would multiply by alpha in 8 bits and lose the dark ends.
     wish = oiio.ImageSpec()
     wish.attribute("oiio:UnassociatedAlpha", 1)
