@@ -6,6 +6,7 @@ import pytest
 
 from arm_blender.errors import ArmError, OutputError
 from training.__main__ import main
+from training.datasets.manifest import read_manifest
 from training.evaluation.credits import sources
 from training.evaluation.objects import evaluation_objects
 from training.evaluation.presets import network_parameters
@@ -93,3 +94,12 @@ def test_an_object_without_views_is_named_and_not_left_out_of_the_mean(tmp_path)
     with pytest.raises(ArmError, match="jug"):
         evaluation_objects(tmp_path / "views", tmp_path)
     assert [item.name for item in evaluation_objects(tmp_path / "views")] == ["cup"]
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"objects": 3}'])
+def test_what_is_no_manifest_is_named(tmp_path, text):
+    (tmp_path / "manifest.json").write_text(text)
+    with pytest.raises(ArmError, match=r"manifest\.json: .*--data"):
+        read_manifest(tmp_path)
+    with pytest.raises(ArmError, match="ARM_DATA"):
+        read_manifest(None)

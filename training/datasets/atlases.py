@@ -23,7 +23,7 @@ from arm_blender.uv.maps import diffuse_fill, pad
 from arm_blender.uv.texels import texel_map
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 
-from .shards import cameras, rigs, save_arrays
+from .shards import cameras, read_mesh, rigs, save_arrays
 
 logger = logging.getLogger(__name__)
 
@@ -128,13 +128,12 @@ def load(path: Path, subset: int) -> Atlas:
 
 def _unwrapped(folder: Path, config: AtlasConfig) -> UvMesh | None:
     """The object's mesh, welded, within the face budget, with an atlas; None where that cannot be."""
-    with np.load(folder / "mesh.npz") as file:
-        vertices, faces = torch.from_numpy(file["vertices"]), torch.from_numpy(file["faces"]).long()
+    split = read_mesh(folder / "mesh.npz")
     # Files split vertices where normals or texture coordinates do; unwelded, every face would be its own chart.
-    _, index = torch.unique((vertices * 1e5).round().long(), dim=0, return_inverse=True)
-    welded = torch.empty(int(index.max()) + 1, 3).index_copy_(0, index, vertices)
+    _, index = torch.unique((split.vertices * 1e5).round().long(), dim=0, return_inverse=True)
+    welded = torch.empty(int(index.max()) + 1, 3).index_copy_(0, index, split.vertices)
     try:
-        mesh = decimate(clean(TriangleMesh(welded, index[faces]), min_part=1e-3), config.faces)
+        mesh = decimate(clean(TriangleMesh(welded, index[split.faces]), min_part=1e-3), config.faces)
         return unwrap(mesh, UnwrapConfig(texture_size=config.size, time_limit=config.time_limit))[0]
     except (EmptyMeshError, UnwrapError) as error:
         logger.warning("%s left out: %s", folder.name, error)

@@ -6,7 +6,6 @@ of a random rig and four more (the paper's N = 10). *Views* for evaluation: `OUT
 """
 
 import argparse
-import json
 import logging
 import math
 import os
@@ -23,10 +22,12 @@ from mathutils import Matrix
 
 from arm_blender.errors import ArmError
 from arm_blender.graphics.cameras import Camera, orbit_camera
-from arm_blender.graphics.color import srgb_from_linear
+from arm_blender.graphics.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
+from arm_blender.views.image_io import write_png
 from arm_blender.views.rigs import zero123plus_rig
 from arm_blender.views.transforms_json import write_transforms
 
+from .manifest import read_manifest
 from .scene_blender import (
     add_aovs,
     blender_environments,
@@ -44,9 +45,14 @@ logger = logging.getLogger(__name__)
 
 INPUT_VIEWS, EXTRA_VIEWS = 6, 4
 
+SCRATCH = "/dev/shm" if os.path.isdir("/dev/shm") else None
+"""Where Blender leaves its EXRs for a moment: in memory where the system has such a place."""
+
 
 @dataclass(frozen=True)
 class RenderConfig:
+    """How one view is rendered."""
+
     resolution: int = 192
     """Pixels a side."""
     samples: int = 16
@@ -107,9 +113,10 @@ def channels(layers: dict[str, np.ndarray], name: str, suffixes: str) -> np.ndar
     return np.stack(planes, axis=-1)
 
 
-def srgb8(linear: np.ndarray) -> np.ndarray:
-    encoded = srgb_from_linear(torch.from_numpy(np.ascontiguousarray(linear)))
-    return (encoded.numpy() * 255.0 + 0.5).astype(np.uint8)
+def byte_image(values: np.ndarray, srgb: bool) -> np.ndarray:
+    """uint8 of [0, 1]; linear colours encoded to sRGB on the way where `srgb`."""
+    image = torch.from_numpy(np.ascontiguousarray(values))
+    return bytes_from_unit(srgb_from_linear(image) if srgb else image).numpy()
 
 
 def render_view(camera: Camera, camera_object: bpy.types.Object, scratch: Path) -> dict[str, np.ndarray]:
@@ -122,13 +129,12 @@ def render_view(camera: Camera, camera_object: bpy.types.Object, scratch: Path) 
     premultiplied, alpha = channels(layers, "Combined", "RGB"), layers["Combined.A"].clip(0.0, 1.0)
     coverage = np.maximum(alpha, 1e-4)[..., None]
     depth = channels(layers, "Depth", "ZV")[..., 0]
-    quantised = lambda x: (np.clip(x, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)  # noqa: E731
     return {
-        "rgba": np.concatenate([srgb8(premultiplied / coverage), quantised(alpha)[..., None]], axis=-1),
-        "albedo": srgb8(channels(layers, "arm_albedo", "RGB") / coverage),
+        "rgba": np.dstack([byte_image(premultiplied / coverage, srgb=True), byte_image(alpha, srgb=False)]),
+        "albedo": byte_image(channels(layers, "arm_albedo", "RGB") / coverage, srgb=True),
         # A scalar AOV is named X or V by version; both hold the premultiplied value.
-        "roughness": quantised(channels(layers, "arm_roughness", "XV")[..., 0] / coverage[..., 0]),
-        "metallic": quantised(channels(layers, "arm_metallic", "XV")[..., 0] / coverage[..., 0]),
+        "roughness": byte_image(channels(layers, "arm_roughness", "XV")[..., 0] / coverage[..., 0], srgb=False),
+        "metallic": byte_image(channels(layers, "arm_metallic", "XV")[..., 0] / coverage[..., 0], srgb=False),
         "depth": np.where(depth > 1e4, np.inf, depth).astype(np.float16),
         "normal": (np.clip(channels(layers, "Normal", "XYZ"), -1.0, 1.0) * 127.0).astype(np.int8),
     }
@@ -137,22 +143,27 @@ def render_view(camera: Camera, camera_object: bpy.types.Object, scratch: Path) 
 def random_rig(rng: np.random.Generator, size: int) -> tuple[Camera, ...]:
     """Six input views, of the Zero123++ rig turned at random or of a free rig, and four more from anywhere.
 
-    Distances and fields of view span what users bring (2 to 8, 15° to 60°); a bounding sphere of the unit box always
-    lies in the frame, so that a mask never lies by omission.
+    Fields of view go from 18° to 55° and distances from 2.6 to 9, as users bring them. A ball of radius 1.14 to 1.79
+    around the origin fills the frame, so that a mask cuts off no more than the corners of a full box.
     """
     turn = rng.uniform(0.0, 360.0)
 
-    def framed(azimuth: float, elevation: float, fovy: float, fill: float) -> Camera:
-        distance = float(np.clip(1.25 / (fill * math.sin(math.radians(fovy) / 2.0)), 1.8, 9.0))
-        return orbit_camera(azimuth, elevation, distance, fovy, size, size)
+    def framed(azimuth_deg: float, elevation_deg: float, fovy_deg: float, fill: float) -> Camera:
+        distance = float(np.clip(1.25 / (fill * math.sin(math.radians(fovy_deg) / 2.0)), 1.8, 9.0))
+        return orbit_camera(azimuth_deg, elevation_deg, distance, fovy_deg, size, size)
 
     if rng.random() < 0.6:
         fill = rng.uniform(0.7, 1.1)
         views = [framed(turn + 30.0 + 60.0 * i, (20.0, -10.0)[i % 2], 30.0, fill) for i in range(INPUT_VIEWS)]
     else:
-        fovy = rng.uniform(18.0, 55.0)
+        fovy_deg = rng.uniform(18.0, 55.0)
         views = [
-            framed(turn + 60.0 * i + rng.uniform(-25.0, 25.0), rng.uniform(-25.0, 55.0), fovy, rng.uniform(0.7, 1.05))
+            framed(
+                turn + 60.0 * i + rng.uniform(-25.0, 25.0),
+                rng.uniform(-25.0, 55.0),
+                fovy_deg,
+                rng.uniform(0.7, 1.05),
+            )
             for i in range(INPUT_VIEWS)
         ]
     views += [
@@ -162,8 +173,10 @@ def random_rig(rng: np.random.Generator, size: int) -> tuple[Camera, ...]:
     return tuple(views)
 
 
-def prepare_scene(path: Path, has_materials: bool, hdri: Path, rng: np.random.Generator, config: RenderConfig):
-    """Import, normalise and light one object. Returns (camera object, vertices, faces)."""
+def prepare_scene(
+    path: Path, has_materials: bool, hdri: Path, rng: np.random.Generator, config: RenderConfig
+) -> tuple[bpy.types.Object, np.ndarray, np.ndarray]:
+    """Import, normalise and light one object: the camera, vertices (N, 3) float32 world, faces (F, 3) int64."""
     radiance = mean_radiance(hdri)
     objects = import_object(path)
     normalise(objects)
@@ -183,7 +196,7 @@ def render_sample(entry: dict, data: Path, hdri: Path, output: Path, rig: int, c
     rng = np.random.default_rng(zlib.crc32(f"{entry['id']}/{rig}".encode()))
     camera_object, vertices, faces = prepare_scene(data / entry["main"], entry["set"] == "pbr", hdri, rng, config)
     cameras = random_rig(rng, config.resolution)
-    with tempfile.TemporaryDirectory(dir="/dev/shm" if os.path.isdir("/dev/shm") else None) as scratch:
+    with tempfile.TemporaryDirectory(dir=SCRATCH) as scratch:
         views = [render_view(camera, camera_object, Path(scratch)) for camera in cameras]
     folder = output / entry["id"]
     folder.mkdir(parents=True, exist_ok=True)
@@ -200,23 +213,19 @@ def render_views(entry: dict, data: Path, hdri: Path, output: Path, distance: fl
     rng = np.random.default_rng(zlib.crc32(entry["id"].encode()))
     camera_object, vertices, faces = prepare_scene(data / entry["main"], True, hdri, rng, config)
     cameras = zero123plus_rig(distance=distance, size=config.resolution)
+    names = [f"{index:03d}.png" for index in range(len(cameras))]
     folder = output / entry["id"]
     folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir="/dev/shm" if os.path.isdir("/dev/shm") else None) as scratch:
-        for index, camera in enumerate(cameras):
-            view = render_view(camera, camera_object, Path(scratch))
-            spec = oiio.ImageSpec(config.resolution, config.resolution, 4, "uint8")
-            file = oiio.ImageOutput.create(str(folder / f"{index:03d}.png"))
-            spec.attribute("oiio:UnassociatedAlpha", 1)
-            if not file or not file.open(str(folder / f"{index:03d}.png"), spec) or not file.write_image(view["rgba"]):
-                raise ArmError(f"{folder}: cannot write the views; is the disk full?")
-            file.close()
+    with tempfile.TemporaryDirectory(dir=SCRATCH) as scratch:
+        for name, camera in zip(names, cameras, strict=True):
+            rgba = torch.from_numpy(render_view(camera, camera_object, Path(scratch))["rgba"]).permute(2, 0, 1) / 255.0
+            write_png(folder / name, torch.cat([linear_from_srgb(rgba[:3]), rgba[3:]]), srgb=True)
     save_arrays(folder / "mesh.npz", {"vertices": vertices, "faces": faces.astype(np.int32)})
-    write_transforms(folder / "transforms.json", [f"{i:03d}.png" for i in range(len(cameras))], cameras)
+    write_transforms(folder / "transforms.json", names, cameras)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--data", type=Path, default=os.environ.get("ARM_DATA"), help="folder with manifest.json")
+    parser.add_argument("--data", type=Path, help="folder with manifest.json; ARM_DATA by default")
     parser.add_argument("--output", type=Path, required=True, help="folder of samples or views")
     parser.add_argument("--split", choices=("train", "eval"), default="train")
     parser.add_argument("--set", nargs="*", default=("pbr", "gso", "flat"), help="sets of the manifest")
@@ -232,11 +241,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Render every chosen object; what is whole already is skipped, what fails is named and skipped."""
-    if args.data is None:
-        raise ArmError("no data folder; give --data DIR or set ARM_DATA")
-    manifest = json.loads((Path(args.data) / "manifest.json").read_text())
+    manifest = read_manifest(args.data)
     # Objects of evaluation are lit by evaluation HDRIs, and training never sees one of those.
-    hdris = [Path(args.data) / h["files"][0] for h in manifest["hdris"] if h["split"] == args.split]
+    hdris = [args.data / h["files"][0] for h in manifest["hdris"] if h["split"] == args.split]
     if args.split == "train":
         hdris += blender_environments()
     entries = [
@@ -247,22 +254,26 @@ def run(args: argparse.Namespace) -> int:
         and (not args.ids or e["id"] in args.ids)
         and (e.get("n_triangles") or 0) <= args.max_triangles
     ]
+    if not entries or not hdris:
+        what = "object" if not entries else "environment map"
+        raise ArmError(f"{args.data}: no {what} to render; check --split, --set, --ids and --max-triangles")
     entries.sort(key=lambda e: zlib.crc32(e["id"].encode()))  # A fixed mixture, so that any prefix is a fair sample.
     config = RenderConfig(resolution=args.resolution, samples=args.samples)
-    failed = 0
+    attempted = failed = 0
     for rig in range(args.first_rig, args.first_rig + args.rigs):
         for index, entry in enumerate(entries):
             whole = args.output / entry["id"] / (f"rig_{rig}.npz" if args.layout == "samples" else "transforms.json")
             if whole.exists():
                 continue
+            attempted += 1
             hdri = hdris[zlib.crc32(f"{entry['id']}:{rig}".encode()) % len(hdris)]
             try:
                 if args.layout == "samples":
-                    render_sample(entry, Path(args.data), hdri, args.output, rig, config)
+                    render_sample(entry, args.data, hdri, args.output, rig, config)
                 else:
-                    render_views(entry, Path(args.data), hdri, args.output, args.distance, config)
+                    render_views(entry, args.data, hdri, args.output, args.distance, config)
             except (ArmError, RuntimeError) as error:  # Blender's operators raise RuntimeError on a broken file.
                 failed += 1
                 logger.warning("%s: left out: %s", entry["id"], error)
             logger.info("rig %d: %d of %d, %s", rig, index + 1, len(entries), entry["id"])
-    return 1 if failed == len(entries) else 0
+    return 1 if attempted and failed == attempted else 0

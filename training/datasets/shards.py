@@ -15,6 +15,7 @@ import torch
 from arm_blender.errors import ArmError
 from arm_blender.files import whole_file
 from arm_blender.graphics.cameras import Camera
+from arm_blender.structures import TriangleMesh
 
 
 def save_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
@@ -33,10 +34,22 @@ def rigs(shards: Path) -> list[Path]:
     Raises:
         ArmError: there is none.
     """
-    found = sorted(shards.glob("*/rig_*.npz"))
-    if not found:
-        raise ArmError(f"{shards}: no samples; make them with `python -m training render --data DIR --output {shards}`")
-    return found
+    return _found(shards, "*/rig_*.npz")
+
+
+def meshes(shards: Path) -> list[Path]:
+    """The `mesh.npz` of every object, in a stable order.
+
+    Raises:
+        ArmError: there is none.
+    """
+    return _found(shards, "*/mesh.npz")
+
+
+def read_mesh(path: Path) -> TriangleMesh:
+    """The true surface in a `mesh.npz`, in the frame of the cameras; its vertices may be split at seams."""
+    with np.load(path) as file:
+        return TriangleMesh(torch.from_numpy(file["vertices"]).float(), torch.from_numpy(file["faces"]).long())
 
 
 def cameras(arrays: dict[str, np.ndarray]) -> tuple[Camera, ...]:
@@ -46,3 +59,10 @@ def cameras(arrays: dict[str, np.ndarray]) -> tuple[Camera, ...]:
         Camera(torch.from_numpy(c2w), torch.from_numpy(K), size, size)
         for c2w, K in zip(arrays["c2w"], arrays["K"], strict=True)
     )
+
+
+def _found(shards: Path, pattern: str) -> list[Path]:
+    found = sorted(shards.glob(pattern))
+    if not found:
+        raise ArmError(f"{shards}: no samples; make them with `python -m training render --data DIR --output {shards}`")
+    return found

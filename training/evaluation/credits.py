@@ -1,13 +1,11 @@
 """`python -m training credits`: the sources of the objects and lights that the shipped weights were trained on."""
 
 import argparse
-import json
 import re
 from collections import Counter
 from pathlib import Path
 
-from arm_blender.errors import ArmError
-
+from ..datasets.manifest import read_manifest
 from .results import fill_block, markdown_table, paragraphs
 
 
@@ -19,14 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fill the document's block of sources."""
-    if args.data is None:
-        raise ArmError("no data folder; give --data DIR or set ARM_DATA")
-    path = args.data / "manifest.json"
-    try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ArmError(f"{path}: not a readable manifest ({error}); give the data folder with --data") from error
-    fill_block(args.output, "sources", sources(manifest))
+    fill_block(args.output, "sources", sources(read_manifest(args.data)))
     print(args.output)
     return 0
 

@@ -1,15 +1,14 @@
 """The objects to evaluate on: posed views as a user would bring them, with the true mesh beside them."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
-import torch
 
 from arm_blender.errors import ArmError
 from arm_blender.structures import TriangleMesh, ViewSet
 from arm_blender.views import ViewOptions, load_views
+
+from ..datasets.manifest import read_manifest
+from ..datasets.shards import read_mesh
 
 
 @dataclass(frozen=True)
@@ -37,9 +36,7 @@ class EvaluationObject:
         path = self.folder / "mesh.npz"
         if not path.exists():
             raise ArmError(f"{path}: no true mesh to compare with; render the views again")
-        with np.load(path) as arrays:
-            vertices, faces = arrays["vertices"].astype(np.float32), arrays["faces"].astype(np.int64)
-        return TriangleMesh(torch.from_numpy(vertices), torch.from_numpy(faces))
+        return read_mesh(path)
 
 
 def evaluation_objects(
@@ -59,7 +56,8 @@ def evaluation_objects(
     found = {path.parent.name: path.parent for path in sorted(views.glob("*/transforms.json"))}
     names = list(found)
     if data is not None:
-        names = sorted(entry["id"] for entry in _manifest(data) if entry["set"] in sets and entry["split"] == split)
+        entries = read_manifest(data)["objects"]
+        names = sorted(entry["id"] for entry in entries if entry["set"] in sets and entry["split"] == split)
     missing = [name for name in names if name not in found]
     if missing:
         raise ArmError(
@@ -69,12 +67,3 @@ def evaluation_objects(
     if not names:
         raise ArmError(f"{views}: no folder holds a transforms.json; make views with `python -m training render`")
     return [EvaluationObject(name, found[name]) for name in names]
-
-
-def _manifest(data: Path) -> list[dict]:
-    """The objects of a data folder's manifest."""
-    path = data / "manifest.json"
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))["objects"]
-    except (OSError, ValueError, KeyError) as error:
-        raise ArmError(f"{path}: not a readable manifest ({error}); give the data folder with --data") from error
