@@ -16,7 +16,7 @@ from arm_blender.errors import ArmError
 
 COMMANDS = {
     "render": ("training.datasets.render_blender", "render objects into shards, or into evaluation views"),
-    "prepare": ("training.datasets.occupancy", "sample the occupancy of the rendered objects"),
+    "prepare": ("training.datasets.occupancy", "sample signed distances to the rendered objects"),
     "evaluate": ("training.evaluation.evaluate", "measure geometry against the truth and the visual hull"),
     "sweep": ("training.evaluation.sweep", "error against run time over grids and face budgets"),
     "stability": ("training.evaluation.stability", "measure the pipeline's parts on extreme inputs"),

@@ -21,8 +21,9 @@ def test_the_occupancy_loss_is_least_where_the_logit_is_the_distance():
     logit = (distance / TEMPERATURE).clone().requires_grad_()
     occupancy_loss(logit, distance, torch.zeros(1, 50)).backward()
     assert float(logit.grad.abs().max()) < 1e-7
-    best = occupancy_loss(logit, distance, torch.zeros(1, 50))
-    for wrong in (0.5 * logit, logit + 0.3, -logit):
+    best = occupancy_loss(logit.detach(), distance, torch.zeros(1, 50))
+    plain = logit.detach()
+    for wrong in (0.5 * plain, plain + 0.3, -plain):
         assert float(occupancy_loss(wrong, distance, torch.zeros(1, 50))) > float(best)
 
 
@@ -80,8 +81,8 @@ def test_a_fit_leaves_weights_that_the_next_stage_and_the_program_load(shards, t
         checkpoints.restore(network(config), state, path)
 
 
-def test_no_samples_is_one_line_with_the_remedy(tmp_path, capsys):
-    words = ["fit", "georm", "--shards", str(tmp_path), "--output", str(tmp_path / "x.safetensors")]
-    assert command.main(words) == 1
+@pytest.mark.parametrize("words", [["prepare"], ["fit", "georm", "--output", "x.safetensors"]], ids=" ".join)
+def test_no_samples_is_one_line_with_the_remedy(tmp_path, capsys, words):
+    assert command.main([*words, "--shards", str(tmp_path)]) == 1
     line = capsys.readouterr().err.strip().splitlines()[-1]
     assert str(tmp_path) in line and "python -m training render" in line

@@ -10,7 +10,6 @@ import logging
 import math
 from pathlib import Path
 
-import numpy as np
 import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
@@ -20,7 +19,7 @@ from arm_blender.graphics.meshes import sample_surface
 from arm_blender.graphics.rasterize import rasterize
 from arm_blender.structures import TriangleMesh
 
-from .shards import save_arrays
+from .shards import meshes, read_mesh, save_arrays
 
 logger = logging.getLogger(__name__)
 
@@ -88,20 +87,19 @@ def signed_distances(mesh: TriangleMesh, generator: torch.Generator) -> tuple[Te
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The words of `python -m training prepare`."""
     parser.add_argument(
         "--shards", type=Path, required=True, help="folder of samples; those without distances get them"
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write `occupancy.npz` (points (P, 3) float16, distance (P,) float16) beside every `mesh.npz`."""
-    for path in sorted(args.shards.glob("*/mesh.npz")):
+    """Write `occupancy.npz` beside every `mesh.npz` that has none yet."""
+    for path in meshes(args.shards):
         target = path.with_name("occupancy.npz")
         if target.exists():
             continue
-        arrays = np.load(path)
-        mesh = TriangleMesh(torch.from_numpy(arrays["vertices"]), torch.from_numpy(arrays["faces"]).long())
-        points, distance = signed_distances(mesh, torch.Generator().manual_seed(0))
+        points, distance = signed_distances(read_mesh(path), torch.Generator().manual_seed(0))
         save_arrays(target, {"points": points.half().numpy(), "distance": distance.half().numpy()})
         logger.info(
             "%s: %.0f%% of the box points are inside",
