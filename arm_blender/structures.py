@@ -1,7 +1,7 @@
 """What the stages of the pipeline hand to each other: frozen, with every shape, unit and space stated."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import Tensor
@@ -33,12 +33,17 @@ class ViewSet:
             raise ValueError(f"{views} views, {len(self.cameras)} cameras, weights {tuple(self.weights.shape)}")
 
     def to(self, device: torch.device | str) -> "ViewSet":
+        """The same on another device."""
         cameras = tuple(camera.to(device) for camera in self.cameras)
         return ViewSet(self.images.to(device), cameras, self.weights.to(device), self.name)
 
     def chosen(self) -> "ViewSet":
         """Without the views of weight 0: they shape nothing and colour nothing."""
-        keep = [index for index, weight in enumerate(self.weights.tolist()) if weight > 0.0]
+        return self.only([index for index, weight in enumerate(self.weights.tolist()) if weight > 0.0])
+
+    def only(self, indices: Sequence[int]) -> "ViewSet":
+        """The views with these indices, in this order."""
+        keep = list(indices)
         return ViewSet(self.images[keep], tuple(self.cameras[i] for i in keep), self.weights[keep], self.name)
 
 
@@ -128,6 +133,10 @@ class TexelViews:
         """(T, T) bool: at least one view sees the texel."""
         return self.visibility.any(dim=0)
 
+    def only(self, views: Tensor) -> "TexelViews":
+        """What some of the views say: (V,) bool, or indices of views."""
+        return TexelViews(*(getattr(self, field.name)[views] for field in fields(self)))
+
 
 @dataclass(frozen=True)
 class MaterialMaps:
@@ -163,6 +172,7 @@ class RelightableAsset:
     maps: MaterialMaps
 
     def to(self, device: torch.device | str) -> "RelightableAsset":
+        """The same on another device."""
         mesh, maps = self.mesh, self.maps
         tensors = (t.to(device) for t in (mesh.vertices, mesh.faces, mesh.uvs, mesh.face_uvs))
         images = (t.to(device) for t in (maps.albedo, maps.baked, maps.roughness, maps.metallic))

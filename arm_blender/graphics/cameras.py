@@ -47,6 +47,7 @@ class Camera:
         return 2.0 * math.atan(self.height / (2.0 * float(self.K[1, 1])))
 
     def to(self, device: torch.device | str) -> "Camera":
+        """The same on another device."""
         return replace(self, c2w=self.c2w.to(device), K=self.K.to(device))
 
     def resized(self, width: int, height: int) -> "Camera":

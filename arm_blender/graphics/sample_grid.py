@@ -51,6 +51,9 @@ class BlockSamples:
         resolution: samples of the box along a side; they have the indices 1..resolution of the array.
         block: cells along a side of a block.
         iso: inside is value > iso.
+        device: of the tensors.
+        blocks: along a side of the array.
+        side: samples of the array along a side.
         values: (side^3,) float32; NaN where nothing was evaluated.
         in_box: (side^3,) bool.
         active: (blocks, blocks, blocks) bool, z first.
@@ -95,6 +98,7 @@ class BlockSamples:
         return (wanted & ~self._known).nonzero().flatten()
 
     def store(self, flat: Tensor, values: Tensor) -> None:
+        """Enter what the density said at (P,) samples."""
         self.values[flat] = values
         self._known[flat] = True
         self.evaluated += len(flat)

@@ -181,8 +181,7 @@ def _subsets(count: int, generator: torch.Generator) -> Tensor:
 
 def _base(texels: TexelMap, seen: TexelViews, subset: Tensor) -> Tensor:
     """(3, T, T) linear: the blend of some views, filled where they see nothing, padded in the gaps."""
-    part = TexelViews(*(getattr(seen, name)[subset] for name in TexelViews.__dataclass_fields__))
-    color, weight = blend(part, torch.ones(int(subset.sum())))
+    color, weight = blend(seen.only(subset), torch.ones(int(subset.sum())))
     return pad(diffuse_fill(color, weight > 0, texels), texels.mask)
 
 

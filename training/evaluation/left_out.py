@@ -57,8 +57,8 @@ def row(title: str, views: ViewSet, settings: Settings) -> list[object]:
 def variants(views: ViewSet) -> Iterator[tuple[str, ViewSet]]:
     """Scenes that need less, each with its description."""
     yield "six views", views
-    yield "the first three", _chosen(views, range(3))
-    yield "the first alone", _chosen(views, range(1))
+    yield "the first three", views.only(range(3))
+    yield "the first alone", views.only(range(1))
     grey = views.images.clone()
     grey[:, :3] = 0.2
     yield "six views of one flat grey", replace(views, images=grey)
@@ -66,8 +66,3 @@ def variants(views: ViewSet) -> Iterator[tuple[str, ViewSet]]:
     small = torch.nn.functional.interpolate(views.images, scale_factor=0.25, mode="area")
     cameras = tuple(camera.resized(small.shape[-1], small.shape[-2]) for camera in views.cameras)
     yield f"six views of {small.shape[-1]}²", ViewSet(small, cameras, views.weights, views.name)
-
-
-def _chosen(views: ViewSet, indices: range) -> ViewSet:
-    chosen = list(indices)
-    return ViewSet(views.images[chosen], tuple(views.cameras[k] for k in chosen), views.weights[chosen], views.name)
