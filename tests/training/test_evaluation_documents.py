@@ -1,15 +1,17 @@
 """Generated tables: numbers land in the right block, credit reaches everyone who asks for it, counts add up."""
 
+import functools
 import json
+from pathlib import Path
 
 import pytest
 
 from arm_blender.errors import ArmError, OutputError
 from training.__main__ import main
 from training.datasets.manifest import read_manifest
+from training.evaluation import presets
 from training.evaluation.credits import sources
 from training.evaluation.objects import evaluation_objects
-from training.evaluation.presets import network_parameters
 from training.evaluation.results import fill_block, markdown_table
 
 
@@ -72,6 +74,14 @@ def test_credit_goes_to_all_who_ask_for_it_and_to_no_object_of_the_eval_split(tm
 def test_a_missing_manifest_is_named(tmp_path, capsys):
     assert main(["credits", "--data", str(tmp_path)]) == 1
     assert f"{tmp_path}/manifest.json" in capsys.readouterr().err
+
+
+network_parameters = functools.cache(presets.network_parameters)
+
+
+def test_the_readme_states_the_sizes_of_the_networks(monkeypatch):
+    monkeypatch.setattr(presets, "network_parameters", network_parameters)
+    assert presets.presets_table() in (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("preset", ["paper", "small"])
