@@ -11,6 +11,7 @@ from arm_blender import pipeline
 from arm_blender.config import Settings
 from arm_blender.errors import ArmError, Cancelled
 from arm_blender.graphics.cameras import project
+from arm_blender.report import Report
 from arm_blender.structures import RelightableAsset, ViewSet
 from arm_blender.views import load_views
 
@@ -110,18 +111,26 @@ def test_a_users_mesh_keeps_its_shape_and_its_uvs(views, tmp_path):
     assert "reconstruction of the shape" in {note.what for note in report.left_out}
 
 
-@pytest.mark.parametrize("after", [0.0, 0.1, 0.3, 0.5, 0.7, 0.9])
-def test_cancelling_stops_at_the_next_report_of_progress(views, after):
+@pytest.mark.parametrize("stage", ["GeoRM: reading the views", "Unwrapping", "GlossyRM: decoding texels"])
+def test_cancelling_stops_at_the_next_report_of_progress(views, stage):
+    """At the first report of the first stage, of the one that waits for a process, and of the last."""
+    heard = []
+
     def progress(fraction: float, message: str) -> None:
-        if fraction >= after:
+        heard.append(fraction)
+        if message == stage:
             raise Cancelled("stopped")
 
+    report = Report("small", "cpu", 0)
     with pytest.raises(Cancelled):
-        pipeline.generate(views, QUICK, progress)
+        pipeline.generate(views, QUICK, progress, report)
+    assert heard == sorted(heard) and 0.0 <= heard[0] <= heard[-1] <= 1.0
+    expected = {"GeoRM": ["shape"], "Unwrapping": ["shape", "unwrap"], "GlossyRM": ["shape", "unwrap", "appearance"]}
+    assert list(report.seconds) == expected[stage.partition(":")[0]]
 
 
 def test_the_callers_threads_and_seed_come_back(views):
     threads, random = torch.get_num_threads(), torch.get_rng_state()
     with pytest.raises(ArmError):
-        pipeline.generate(views, replace(QUICK, threads=1, preset="paper"))
+        pipeline.generate(views, replace(QUICK, threads=threads + 1, preset="paper"))
     assert torch.get_num_threads() == threads and torch.equal(torch.get_rng_state(), random)
