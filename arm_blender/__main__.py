@@ -5,12 +5,12 @@ Exit status: 0 done, 1 an item failed, 2 bad usage, 130 interrupted. An error is
 
 import argparse
 import logging
-import signal
+import os
 import sys
 import traceback
 from typing import NoReturn
 
-from .commands import UsageError, batch, doctor, generate, relight, weights
+from .commands import UsageError, batch, doctor, generate, interrupts, relight, weights
 from .errors import ArmError
 from .version import VERSION
 
@@ -34,12 +34,24 @@ def main(argv: list[str] | None = None) -> int:
         return int(stop.code or 0)
     logging.basicConfig(level=logging.DEBUG if args.debug else logging.WARNING, format="%(name)s: %(message)s")
     try:
-        return args.run(args)
+        status = args.run(args)
+        if sys.stdout is not None:  # Blender with a window has none on Windows.
+            sys.stdout.flush()
+        return status
     except ArmError as error:
         if args.debug:
             traceback.print_exc()
         print(f"arm: {error}", file=sys.stderr)
         return 2 if isinstance(error, UsageError) else 1
+    except ImportError as error:
+        if args.debug or (error.name or "").startswith("arm_blender"):
+            raise
+        print(f"arm: {error}; `python -m arm_blender doctor` says what is missing", file=sys.stderr)
+        return 1
+    except BrokenPipeError:
+        # Who read our output has gone, as `head` does. What is still in the buffer has to go somewhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
     except KeyboardInterrupt:
         print("arm: interrupted; nothing was left half-written", file=sys.stderr)
         return INTERRUPTED
@@ -60,11 +72,6 @@ def parser() -> argparse.ArgumentParser:
     return top
 
 
-def _terminated(number: int, frame: object) -> NoReturn:
-    raise KeyboardInterrupt
-
-
 if __name__ == "__main__":
-    # A polite kill is an interruption too: unfinished files go away.
-    signal.signal(signal.SIGTERM, _terminated)
+    interrupts.watch(interrupts.watched())
     sys.exit(main())

@@ -5,8 +5,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TextIO
 
-from ..progress import Progress, silent
+from ..progress import Progress
 from ..report import Report
+from . import interrupts
 
 
 class ProgressLine:
@@ -35,15 +36,23 @@ class ProgressLine:
 
 @contextmanager
 def shown(choice: str) -> Iterator[Progress]:
-    """What --progress asks for: "always", "never", or "auto", which is on a terminal; the line is gone at the end."""
-    if choice == "never" or (choice == "auto" and not sys.stderr.isatty()):
-        yield silent
-        return
-    line = ProgressLine(sys.stderr)
+    """What --progress asks for: "always", "never", or "auto", which is on a terminal; the line is gone at the end.
+
+    Each report is also where an interruption that went unheard is noticed.
+    """
+    hidden = choice == "never" or (choice == "auto" and not sys.stderr.isatty())
+    line = None if hidden else ProgressLine(sys.stderr)
+
+    def report(fraction: float, message: str) -> None:
+        interrupts.check()
+        if line is not None:
+            line(fraction, message)
+
     try:
-        yield line
+        yield report
     finally:
-        line.clear()
+        if line is not None:
+            line.clear()
 
 
 def summary(report: Report) -> str:
