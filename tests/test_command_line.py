@@ -1,9 +1,15 @@
 """The command line's contract: status, one line per error, whole results. The networks are played by a stand-in."""
 
+import argparse
 import json
 import os
+import signal
 import subprocess
 import sys
+import threading
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +18,7 @@ import torch
 import trimesh
 
 from arm_blender.__main__ import INTERRUPTED, main
+from arm_blender.commands import batch, interrupts
 from arm_blender.export import is_whole
 from arm_blender.structures import MaterialMaps, RelightableAsset, UvMesh
 from arm_blender.views.image_io import write_png
@@ -219,6 +226,68 @@ def test_a_device_that_is_not_there_is_bad_usage(pipeline, picture, tmp_path, ca
     assert f"--device {device}" in only_line(capsys.readouterr().err)
 
 
+@pytest.fixture
+def listening(monkeypatch):
+    """As in a process of the command line: Ctrl-C is watched."""
+    monkeypatch.setattr(interrupts, "_asked", threading.Event())
+    before = signal.getsignal(signal.SIGINT)
+    interrupts.watch([signal.SIGINT])
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_an_interruption_that_an_import_swallows_still_ends_the_run(
+    pipeline, picture, tmp_path, capsys, monkeypatch, listening
+):
+    from arm_blender import pipeline as module
+
+    made = module.generate
+
+    def swallowing(*args):
+        with suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        return made(*args)
+
+    monkeypatch.setattr(module, "generate", swallowing)
+    assert run("generate", picture, "--output", tmp_path / "out") == INTERRUPTED
+    only_line(capsys.readouterr().err)
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_idle_worker_remembers_an_interruption(listening):
+    interrupts.watch([signal.SIGINT], idle=True)
+    signal.raise_signal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        interrupts.check()
+
+
+def test_signals_that_were_switched_off_stay_off(monkeypatch):
+    off = [signal.SIGTERM]
+    monkeypatch.setattr(signal, "getsignal", lambda number: signal.SIG_IGN if number in off else signal.SIG_DFL)
+    assert signal.SIGINT in interrupts.watched() and signal.SIGTERM not in interrupts.watched()
+
+
+def test_a_library_that_is_missing_is_one_line(pipeline, picture, tmp_path, capsys, monkeypatch):
+    from arm_blender import pipeline as module
+
+    def lacking(*_):
+        raise ModuleNotFoundError("No module named 'xatlas'", name="xatlas")
+
+    monkeypatch.setattr(module, "generate", lacking)
+    assert run("generate", picture, "--output", tmp_path / "out") == 1
+    assert "xatlas" in (line := only_line(capsys.readouterr().err)) and "doctor" in line
+
+
+def test_a_reader_that_goes_away_is_no_error():
+    """As `head` does; in a process of its own, since the output has to be a pipe."""
+    read, write = os.pipe()
+    os.close(read)
+    words = [sys.executable, "-m", "arm_blender", "weights", "list"]
+    done = subprocess.run(words, cwd=ROOT, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (1, "")
+
+
 def test_a_bug_keeps_its_traceback(pipeline, picture, tmp_path, monkeypatch):
     from arm_blender import pipeline as module
 
@@ -261,6 +330,35 @@ def test_one_bad_item_does_not_stop_the_rest(pipeline, tmp_path, capsys):
     lines = lines_of(captured.out)
     assert [lines[name]["status"] for name in "abc"] == ["done", "failed", "done"]
     assert "b.png" in lines["b"]["error"] and "b.png" in only_line(captured.err)
+
+
+def test_results_inside_the_folder_of_the_items_are_no_items(pipeline, tmp_path, capsys):
+    items = tmp_path / "items"
+    items.mkdir()
+    a_picture(items / "a.png")
+    for _ in range(2):
+        assert run("batch", items, "--output", items / "runs" / "one", "--resume") == 0
+    assert list(lines_of(capsys.readouterr().out)) == ["a"]
+    assert run("batch", items, "--output", items) == 2
+    assert "--output" in only_line(capsys.readouterr().err)
+
+
+def test_what_is_wrong_for_all_items_is_said_once_before_any(pipeline, tmp_path, capsys):
+    a_picture(tmp_path / "a.png")
+    (tmp_path / "list.txt").write_text("a.png\na.png\n")
+    for words in (["--texture-size", "300"], ["--fovy", "200"]):
+        assert run("batch", tmp_path / "list.txt", "--output", tmp_path / "out", *words) == 2
+        assert words[0] in only_line(capsys.readouterr().err) and pipeline == []
+
+
+def test_a_killed_worker_fails_its_items_and_no_others(tmp_path, capsys):
+    args = argparse.Namespace(output=tmp_path)
+    killed, whole = Future(), Future()
+    killed.set_exception(BrokenProcessPool())
+    whole.set_result({"status": "done"})
+    line = batch._result(killed, batch.Item(tmp_path / "a.png", "a"), args)
+    assert line["status"] == "failed" and "a.png" in only_line(capsys.readouterr().err)
+    assert batch._result(whole, batch.Item(tmp_path / "b.png", "b"), args) == {"status": "done"}
 
 
 def test_items_of_one_name_do_not_overwrite_each_other(pipeline, tmp_path, capsys):
@@ -306,6 +404,10 @@ def test_cancelling_mid_batch_leaves_only_whole_files(pipeline, tmp_path, capsys
         ("list.csv", "views,colour\na.png,red\n", "colour"),
         ("list.csv", "views,seed\na.png,red\n", "seed"),
         ("list.csv", "views,name\na.png,../up\n", "plain file name"),
+        ("list.csv", "views\n" + "a" * 200_000 + "\n", "list.csv: not a readable list"),
+        ("list.csv", "views\n" + "a" * 5_000 + "\n", "item 1: views is"),
+        ("list.json", '["/"]', "item 1: name is"),
+        ("list.json", "[" * 100_000, "list.json: not a readable list"),
         ("list.txt", "# nothing\n", "no items"),
     ],
 )

@@ -9,15 +9,15 @@ import logging
 import sys
 import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
 from typing import Any
 
 from ..errors import ArmError, InputImageError
 from ..files import check_output
-from . import UsageError, generate
+from . import UsageError, generate, interrupts
 
 logger = logging.getLogger(__name__)
 
@@ -63,22 +63,32 @@ def run(args: argparse.Namespace) -> int:
     if args.jobs < 1:
         raise UsageError(f"--jobs {args.jobs}: give at least 1")
     check_output(args.output)
-    items = read_items(args.items)
+    items = read_items(args.items, args.output)
+    # What is said once for all is refused once, before any work.
+    generate.settings_of(args)
+    generate.view_options_of(args)
     failed = 0
     for line in _lines(items, args):
-        print(json.dumps(line, ensure_ascii=False), flush=True)
+        # A foreign byte in a file's name is no JSON, and no stream takes it.
+        print(json.dumps(line, ensure_ascii=False).encode("utf-8", "replace").decode(), flush=True)
         failed += line["status"] == "failed"
     return 1 if failed else 0
 
 
-def read_items(path: Path) -> list[Item]:
+def read_items(path: Path, output: Path) -> list[Item]:
     """The items of a list or folder. Relative paths in a list are relative to the list.
 
+    Args:
+        path: of the list or folder.
+        output: of the batch. A folder's items are not looked for there: a second run would take results for views.
     Raises:
+        UsageError: `path` is a folder, and the output as well.
         InputImageError: the list is missing, empty or malformed; the line names the entry.
     """
     if path.is_dir():
-        rows = [{"views": found.name} for found in _views_in(path)]
+        if output.resolve() == path.resolve():
+            raise UsageError(f"--output {output}: is the folder of the items; choose another")
+        rows = [{"views": found.name} for found in _views_in(path, output)]
         folder = path
     else:
         rows, folder = _rows(path), path.parent
@@ -97,12 +107,16 @@ def read_items(path: Path) -> list[Item]:
     return items
 
 
-def _views_in(folder: Path) -> list[Path]:
-    """What may be views in a folder: its images and its sub-folders, by name."""
+def _views_in(folder: Path, output: Path) -> list[Path]:
+    """What may be views in a folder: its images and its sub-folders, by name; not the one that holds `output`."""
     from ..views.image_io import SUFFIXES
 
-    found = [path for path in folder.iterdir() if path.is_dir() or path.suffix.lower() in SUFFIXES]
-    return sorted(path for path in found if path.name[0] != ".")
+    try:
+        found = [path for path in folder.iterdir() if path.is_dir() or path.suffix.lower() in SUFFIXES]
+    except OSError as error:
+        raise InputImageError(f"{folder}: cannot be read ({error.strerror}); check its rights") from error
+    results = output.resolve()
+    return sorted(path for path in found if path.name[0] != "." and not results.is_relative_to(path.resolve()))
 
 
 def _rows(path: Path) -> list[Any]:
@@ -114,12 +128,12 @@ def _rows(path: Path) -> list[Any]:
             if not isinstance(rows, list):
                 raise InputImageError(f"{path}: not a JSON list; give a list of paths, or of objects with views")
             return rows
+        if path.suffix.lower() == ".csv":
+            return [{key: value for key, value in row.items() if value} for row in csv.DictReader(text.splitlines())]
     except OSError as error:
         raise InputImageError(f"{path}: cannot be read ({error.strerror}); give a list or a folder") from error
-    except ValueError as error:
+    except (ValueError, RecursionError, csv.Error) as error:
         raise InputImageError(f"{path}: not a readable list ({error}); give .txt, .csv or .json") from error
-    if path.suffix.lower() == ".csv":
-        return [{key: value for key, value in row.items() if value} for row in csv.DictReader(text.splitlines())]
     lines = (line.strip() for line in text.splitlines())
     return [line for line in lines if line and not line.startswith("#")]
 
@@ -143,8 +157,11 @@ def _item(row: Any, folder: Path, where: str) -> Item:
     if "mesh" in options:
         options["mesh"] = folder / options["mesh"]
     views = folder / row["views"]
-    name = str(row.get("name") or (views.resolve().name if views.is_dir() else views.stem))
-    if Path(name).name != name or name.startswith("."):
+    try:
+        name = str(row.get("name") or (views.resolve().name if views.is_dir() else views.stem))
+    except (OSError, ValueError, RuntimeError) as error:  # Too long, a character no name has, links in a circle.
+        raise InputImageError(f"{where}: views is {row['views'][:40]!r}, no path; correct it") from error
+    if not name or Path(name).name != name or name.startswith("."):
         raise InputImageError(f"{where}: name is {name!r}; give a plain file name")
     return Item(views, name, options)
 
@@ -154,16 +171,43 @@ def _lines(items: list[Item], args: argparse.Namespace) -> Iterator[dict[str, An
     if args.jobs == 1:
         yield from (_made(item, args) for item in items)
         return
+    quiet = argparse.Namespace(**{key: value for key, value in vars(args).items() if key != "run"})
+    quiet.progress = "never"
+    signals = interrupts.watched()
     # A forked copy of a process that has run torch can hang: each worker starts afresh.
-    pool = ProcessPoolExecutor(args.jobs, mp_context=get_context("spawn"))
+    pool = ProcessPoolExecutor(
+        min(args.jobs, len(items)), get_context("spawn"), initializer=interrupts.watch, initargs=(signals, True)
+    )
     try:
-        quiet = argparse.Namespace(**{key: value for key, value in vars(args).items() if key != "run"})
-        quiet.progress = "never"
-        waiting = [pool.submit(_made, item, quiet) for item in items]
+        waiting = {pool.submit(_made_by_worker, item, quiet, signals): item for item in items}
         for done in as_completed(waiting):
-            yield done.result()
+            yield _result(done, waiting[done], args)
+    except BaseException:
+        for worker in active_children():
+            worker.terminate()
+        raise
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def _made_by_worker(item: Item, args: argparse.Namespace, signals: list[int]) -> dict[str, Any]:
+    """`_made` in another process, which an interruption stops at once, and for good."""
+    interrupts.watch(signals)
+    try:
+        interrupts.check()
+        return _made(item, args)
+    finally:
+        interrupts.watch(signals, idle=True)
+
+
+def _result(done: Future, item: Item, args: argparse.Namespace) -> dict[str, Any]:
+    """The line of an item; a worker that the system has killed fails those that are left, and no result is lost."""
+    try:
+        return done.result()
+    except BrokenExecutor:
+        error = f"{item.views}: a worker was killed, most likely for memory; use fewer --jobs, with --resume"
+        print(f"arm: {error}", file=sys.stderr)
+        return {"views": str(item.views), "output": str(args.output / item.name), "status": "failed", "error": error}
 
 
 def _made(item: Item, args: argparse.Namespace) -> dict[str, Any]:
