@@ -153,15 +153,19 @@ def sample_blocks(density: Density, config: IsosurfaceConfig, progress: Progress
 
 
 class _Evaluator:
-    """Asks the density in chunks and reports progress: the share of what is known to be needed so far."""
+    """Asks the density in chunks and reports progress: the share of what is likely to be needed, which never falls."""
 
     def __init__(self, density: Density, chunk: int, samples: BlockSamples, progress: Progress) -> None:
         self.density, self.chunk, self.samples, self.progress = density, chunk, samples, progress
+        # The blocks along the sides of a cube as large as the box: an object rarely has more surface than that.
+        self.likely = min(6 * samples.block * samples.resolution**2, samples.resolution**3)
+        self.share = 0.0
 
     def __call__(self, flat: Tensor) -> None:
-        total = self.samples.evaluated + len(flat)
+        total = max(self.samples.evaluated + len(flat), self.likely)
         for part in flat.split(self.chunk):
-            self.progress(self.samples.evaluated / total, "Sampling the density")
+            self.share = max(self.share, self.samples.evaluated / total)
+            self.progress(self.share, "Sampling the density")
             values = self.density(self.samples.points(part))
             if values.shape != part.shape:
                 raise ValueError(f"the density of ({len(part)}, 3) points has shape {tuple(values.shape)}")

@@ -200,6 +200,14 @@ def test_the_callback_can_stop_the_evaluation():
     assert len(asked) == 2
 
 
+def test_progress_never_goes_back():
+    """Nor does it stand still near the end: the coarse samples, here one in 50, do not count for the fine ones."""
+    heard = []
+    extract(waves, IsosurfaceConfig(48, chunk=500), lambda fraction, message: heard.append(fraction))
+    assert len(heard) > 20 and heard == sorted(heard)
+    assert 0.3 < heard[len(heard) // 2] < 0.7
+
+
 def test_vertices_recomputed_from_their_edges_are_those_of_the_mesh():
     config = IsosurfaceConfig(32)
     mesh = extract(waves, config)
