@@ -60,17 +60,6 @@ def extract(
     return TriangleMesh(vertices, edges.faces)
 
 
-def extract_edges(
-    density: Density, config: IsosurfaceConfig, progress: Progress = silent, device: torch.device | str = "cpu"
-) -> tuple[Tensor, Tensor, Tensor]:
-    """End points (N, 3) a and (N, 3) b of the crossed edges, and (F, 3) faces; as `extract`, without the vertices.
-
-    For training: ask the density again at `a` and `b` with gradient and call `vertices_from_densities`.
-    """
-    edges = crossed_edges(density, config, progress, device)
-    return edges.a, edges.b, edges.faces
-
-
 def vertices_from_densities(a: Tensor, b: Tensor, density_a: Tensor, density_b: Tensor, iso: float) -> Tensor:
     """(N, 3) points where the density, linear between `a` and `b`, equals `iso`; differentiable in all tensors.
 
@@ -89,7 +78,10 @@ def vertices_from_densities(a: Tensor, b: Tensor, density_a: Tensor, density_b: 
 def crossed_edges(
     density: Density, config: IsosurfaceConfig, progress: Progress = silent, device: torch.device | str = "cpu"
 ) -> CrossedEdges:
-    """The edges of the grid that the surface crosses and the faces between them; arguments and errors of `extract`."""
+    """The edges of the grid that the surface crosses and the faces between them; arguments and errors of `extract`.
+
+    Nothing has a gradient. For training, ask the density again at `a` and `b` and call `vertices_from_densities`.
+    """
     with torch.no_grad():
         samples = sample_blocks(density, config, progress, torch.device(device))
         keys, faces = _triangles(samples)

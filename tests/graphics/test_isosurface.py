@@ -9,7 +9,7 @@ from skimage.measure import marching_cubes
 from torch import Tensor
 
 from arm_blender.errors import Cancelled, EmptyMeshError
-from arm_blender.graphics.isosurface import IsosurfaceConfig, extract, extract_edges, vertices_from_densities
+from arm_blender.graphics.isosurface import IsosurfaceConfig, crossed_edges, extract, vertices_from_densities
 from arm_blender.graphics.sample_grid import Density
 from arm_blender.structures import TriangleMesh
 
@@ -211,16 +211,16 @@ def test_progress_never_goes_back():
 def test_vertices_recomputed_from_their_edges_are_those_of_the_mesh():
     config = IsosurfaceConfig(32)
     mesh = extract(waves, config)
-    a, b, faces = extract_edges(waves, config)
-    assert torch.equal(faces, mesh.faces)
-    vertices = vertices_from_densities(a, b, waves(a), waves(b), ISO)
+    edges = crossed_edges(waves, config)
+    assert torch.equal(edges.faces, mesh.faces)
+    vertices = vertices_from_densities(edges.a, edges.b, waves(edges.a), waves(edges.b), ISO)
     torch.testing.assert_close(vertices, mesh.vertices, rtol=0.0, atol=1e-5)
 
 
 def test_a_growing_ball_pushes_its_vertices_outwards():
-    a, b, _ = extract_edges(ball, IsosurfaceConfig(48))
+    edges = crossed_edges(ball, IsosurfaceConfig(48))
     radius = torch.tensor(0.7, requires_grad=True)
-    vertices = vertices_from_densities(a, b, ball(a, radius), ball(b, radius), ISO)
+    vertices = vertices_from_densities(edges.a, edges.b, ball(edges.a, radius), ball(edges.b, radius), ISO)
     # Along its edge a vertex moves by dr / cos(angle of edge and normal): radially, by dr.
     radial = (vertices * torch.nn.functional.normalize(vertices.detach(), dim=1)).sum(dim=1)
     (gradient,) = torch.autograd.grad(radial.mean(), radius)
