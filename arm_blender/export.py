@@ -184,10 +184,19 @@ def _staging(directory: Path) -> Iterator[Path]:
 
 
 def _move_into(directory: Path, stage: Path) -> list[Path]:
-    """Moves the files of `stage` to their places; the older report.json goes first and the new one comes last."""
-    (directory / FILE_NAME).unlink(missing_ok=True)
+    """Moves the files of `stage` to their places; the older report.json goes first and the new one comes last.
+
+    Raises:
+        OutputError: something else is where a file or a folder has to be; nothing was moved.
+    """
     files = sorted(path.relative_to(stage) for path in stage.rglob("*") if path.is_file())
     files.sort(key=lambda path: path == Path(FILE_NAME))
+    for target in (directory / path for path in files):
+        if target.is_dir():
+            raise OutputError(f"{target}: is a folder where a file has to be; move it away or change --output")
+        if target.parent.exists() and not target.parent.is_dir():
+            raise OutputError(f"{target.parent}: is a file where a folder has to be; move it away or change --output")
+    (directory / FILE_NAME).unlink(missing_ok=True)
     for path in files:
         (directory / path).parent.mkdir(exist_ok=True)
         os.replace(stage / path, directory / path)

@@ -157,6 +157,19 @@ def test_an_older_asset_is_replaced_and_other_files_stay(asset, tmp_path):
     assert (tmp_path / "out" / "notes.txt").read_text() == "mine"
 
 
+@pytest.mark.parametrize("obstacle", ["textures", "cup.glb", "report.json"])
+def test_what_is_in_the_way_is_named_and_nothing_is_moved(asset, tmp_path, obstacle):
+    out = tmp_path / "out"
+    out.mkdir()
+    if obstacle == "textures":
+        (out / obstacle).write_text("mine")
+    else:
+        (out / obstacle).mkdir()
+    with pytest.raises(OutputError, match=f"{obstacle}: is a"):
+        written(asset, tmp_path)
+    assert [path.name for path in out.rglob("*")] == [obstacle]
+
+
 def test_a_full_disk_is_an_error_with_a_remedy(asset, tmp_path):
     def full(stage):
         raise OSError(28, "No space left on device")
