@@ -119,6 +119,9 @@ def load(path: Path, expected: type[Config]) -> tuple[Config, dict[str, Tensor]]
         ) from error
     with safe_open(path, framework="pt") as file:
         state = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118  (safe_open is no mapping)
+    for key, tensor in state.items():
+        if tensor.is_floating_point() and not bool(torch.isfinite(tensor).all()):
+            raise CheckpointError(f"{path}: damaged ({key} is not finite); copy the file again")
     return config, {key: t.float() if t.is_floating_point() else t for key, t in state.items()}
 
 
@@ -241,8 +244,10 @@ def record(folder: Path = FOLDER) -> None:
 def recorded_sums(folder: Path = FOLDER) -> dict[str, str]:
     """File name to SHA-256, as recorded; empty where nothing was recorded."""
     path = folder / SUMS
-    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
-    return {name: digest for digest, name in (line.split(maxsplit=1) for line in lines if line.strip())}
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else []
+    # `sha256sum --binary` puts a star before the name. A line without a name records nothing.
+    pairs = (line.split(maxsplit=1) for line in lines)
+    return {pair[1].removeprefix("*"): pair[0] for pair in pairs if len(pair) == 2}
 
 
 def sha256(path: Path) -> str:

@@ -149,6 +149,32 @@ def test_verify_notices_a_changed_file(tmp_path):
         checkpoints.verify("small.georm", tmp_path)
 
 
+@pytest.mark.parametrize("text", ["", "garbage\n", "garbage\n\0\xff"])
+def test_verify_survives_a_damaged_list_of_hashes(tmp_path, text):
+    path = checkpoints.shipped("small.georm", tmp_path)
+    checkpoints.save(path, module().state_dict(), CONFIG, "georm")
+    (tmp_path / checkpoints.SUMS).write_bytes(text.encode("latin-1"))
+    with pytest.raises(CheckpointError, match=checkpoints.SUMS):
+        checkpoints.verify("small.georm", tmp_path)
+
+
+def test_a_list_of_hashes_made_by_sha256sum_will_do(tmp_path):
+    path = checkpoints.shipped("small.georm", tmp_path)
+    checkpoints.save(path, module().state_dict(), CONFIG, "georm")
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    for mark in (" ", "*"):  # Text and binary mode.
+        (tmp_path / checkpoints.SUMS).write_text(f"{digest} {mark}{path.name}\n")
+        assert checkpoints.verify("small.georm", tmp_path) == digest
+
+
+def test_weights_that_are_no_numbers_are_damaged(path):
+    checkpoints.save(path, {"weight": torch.ones(64)}, CONFIG, "georm")
+    stored = path.read_bytes()
+    path.write_bytes(stored[:-4] + b"\xff" * 4)  # The last float32 becomes a NaN.
+    with pytest.raises(CheckpointError, match="weight is not finite"):
+        checkpoints.load(path, OuterConfig)
+
+
 def test_only_registered_names_resolve():
     assert checkpoints.shipped("small.georm").name == "small.georm.safetensors"
     with pytest.raises(CheckpointError, match="weights list"):

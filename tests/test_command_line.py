@@ -1,6 +1,7 @@
 """The command line's contract: status, one line per error, whole results. The networks are played by a stand-in."""
 
 import argparse
+import importlib
 import json
 import os
 import signal
@@ -433,6 +434,38 @@ def test_doctor_and_weights_speak(capsys):
     assert "small.georm" in capsys.readouterr().out
     assert run("weights", "verify", "nonsense") == 1
     assert "nonsense" in only_line(capsys.readouterr().err)
+
+
+def test_verifying_nothing_is_no_success(tmp_path, capsys, monkeypatch):
+    from arm_blender import checkpoints
+
+    monkeypatch.setattr(checkpoints.shipped, "__defaults__", (tmp_path,))
+    assert run("weights", "verify") == 1
+    assert "no weights" in only_line(capsys.readouterr().err)
+
+
+def test_doctor_sees_what_is_damaged(tmp_path, capsys, monkeypatch):
+    from arm_blender import checkpoints
+
+    for weights in checkpoints.REGISTRY:
+        (tmp_path / f"{weights.name}.safetensors").write_bytes(b"no weights")
+    monkeypatch.setattr(checkpoints.shipped, "__defaults__", (tmp_path,))
+    assert run("doctor") == 1
+    assert "small.georm.safetensors: damaged" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("error", [ImportError("libgomp.so.1: not found"), OSError("libgomp.so.1: not found")], ids=str)
+def test_doctor_names_the_library_that_torch_lacks(capsys, monkeypatch, error):
+    found = importlib.import_module
+
+    def lacking(name, *rest):
+        if name == "torch":
+            raise error
+        return found(name, *rest)
+
+    monkeypatch.setattr(importlib, "import_module", lacking)
+    assert run("doctor") == 1
+    assert "libgomp" in capsys.readouterr().out
 
 
 def test_help_is_light_and_the_status_is_that_of_the_process():

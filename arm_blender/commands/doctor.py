@@ -32,30 +32,29 @@ def run(args: argparse.Namespace) -> int:
     missing = 0
     for package, module in (_REQUIRED | _OPTIONAL).items():
         needed = package in _REQUIRED
-        state = _state(package, module)
-        missing += needed and state is None
-        lack = f"missing; pip install {package}" + ("" if needed else "  (only for .blend files and relighting)")
-        print(f"{package:<20} {state or lack}")
+        starts, state = _state(package, module)
+        missing += needed and not starts
+        remark = "" if needed or starts else "  (only for .blend files and relighting)"
+        print(f"{package:<20} {state}{remark}")
     if not missing:
         missing += _print_torch_and_weights()
     return 1 if missing else 0
 
 
-def _state(package: str, module: str) -> str | None:
-    """The version of a package, with the reason where it does not start; None where it is not installed."""
+def _state(package: str, module: str) -> tuple[bool, str]:
+    """Whether a package starts, and its version or what is wrong with it."""
+    try:
+        version = importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        version = None
     try:
         importlib.import_module(module)
-    except ImportError as error:
-        try:
-            version = importlib.metadata.version(package)
-        except importlib.metadata.PackageNotFoundError:
-            return None
+    except (ImportError, OSError) as error:
+        if version is None:
+            return False, f"missing; pip install {package}"
         # A system library is not there: the message names it.
-        return f"{version}, but it does not start: {error}; install that system library"
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return "built in"
+        return False, f"{version}, but it does not start: {error}; install that system library"
+    return True, version or "built in"
 
 
 def _print_torch_and_weights() -> int:
@@ -63,6 +62,7 @@ def _print_torch_and_weights() -> int:
     import torch
 
     from .. import checkpoints
+    from ..errors import CheckpointError
 
     devices = ["cpu"]
     if torch.cuda.is_available():
@@ -72,7 +72,13 @@ def _print_torch_and_weights() -> int:
     print(f"{'devices':<20} {', '.join(devices)}; {torch.get_num_threads()} threads")
     missing = 0
     for weights in checkpoints.REGISTRY:
-        installed = checkpoints.shipped(weights.name).is_file()
-        missing += not installed and weights.name.startswith("small.")
-        print(f"{weights.name:<20} {'installed' if installed else f'missing; {weights.remedy}'}")
+        path = checkpoints.shipped(weights.name)
+        state = "installed" if path.is_file() else f"missing; {weights.remedy}"
+        if path.is_file():
+            try:
+                checkpoints.read_header(path)
+            except CheckpointError as error:
+                state = str(error)
+        missing += state != "installed" and weights.name.startswith("small.")
+        print(f"{weights.name:<20} {state}")
     return missing

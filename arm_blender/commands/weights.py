@@ -23,8 +23,11 @@ def run(args: argparse.Namespace) -> int:
             size = f"{path.stat().st_size / 2**20:.1f} MiB" if path.is_file() else "not installed"
             print(f"{weights.name:<24} {size:>14}  {weights.licence:<18} {weights.enables}")
         return 0
+    names = args.names or [name for name in known if checkpoints.shipped(name).is_file()]
+    if not names:
+        raise CheckpointError(f"{checkpoints.FOLDER}: no weights are installed; install the project again")
     failed = 0
-    for name in args.names or [name for name in known if checkpoints.shipped(name).is_file()]:
+    for name in names:
         try:
             print(f"{name:<24} {checkpoints.verify(name)}")
         except CheckpointError as error:
