@@ -19,6 +19,8 @@ GEOMETRY = 11
 
 @dataclass(frozen=True)
 class FeatureVolumeConfig:
+    """Size of the volume and of the U-Net over it."""
+
     grid: int = 24
     """Cells a side; what is thinner than a cell is left to the points' own look-up. A multiple of 4. The time of a
     training step grows with its cube: 0.2 s on a core at 24, 0.7 s at 32."""
@@ -27,6 +29,8 @@ class FeatureVolumeConfig:
 
 
 class ResidualBlock(nn.Module):
+    """Two pre-normed convolutions within a residual, as (B, C, G, G, G)."""
+
     def __init__(self, channels: int) -> None:
         super().__init__()
         self.norm1, self.norm2 = nn.GroupNorm(4, channels), nn.GroupNorm(4, channels)
@@ -87,6 +91,7 @@ class FeatureVolume(nn.Module):
         return cells.transpose(1, 2).unflatten(-1, (self.config.grid,) * 3)
 
     def forward(self, views: ViewFeatures) -> Tensor:
+        """The refined volume (B, channels, G, G, G), indexed z, y, x."""
         fine = self.fine_in(self.lift(self.cells(views)))
         middle = self.middle_in(self.down1(fine))
         coarse = self.coarse(self.down2(middle))

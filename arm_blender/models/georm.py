@@ -13,7 +13,6 @@ ISO_DENSITY = 10.0
 RAW_ISO = 1.0 + math.log(math.expm1(ISO_DENSITY))
 """The raw value whose density, softplus(raw - 1), is `ISO_DENSITY`."""
 
-
 HULL_REACH, HULL_DEPTH = 0.25, 0.04
 """World units outside and inside of the visual hull over which it votes on the occupancy."""
 
@@ -27,6 +26,7 @@ class GeoRM(nn.Module):
         self.model = ReconstructionModel(config, outputs=1)
 
     def encode(self, views: NetworkViews) -> EncodedViews:
+        """Everything that points are decoded from."""
         return self.model.encode(views)
 
     def occupancy_logit(self, encoded: EncodedViews, points: Tensor) -> Tensor:

@@ -17,6 +17,7 @@ class GlossyRM(nn.Module):
         self.model = ReconstructionModel(config, outputs=2)
 
     def encode(self, views: NetworkViews) -> EncodedViews:
+        """Everything that points are decoded from."""
         return self.model.encode(views)
 
     def forward(self, encoded: EncodedViews, points: Tensor) -> Tensor:

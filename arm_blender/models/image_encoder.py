@@ -14,6 +14,8 @@ CAMERA_VALUES = 16
 
 @dataclass(frozen=True)
 class ImageEncoderConfig:
+    """The paper's encoder: DINO's ViT-B/16 at 320 pixels."""
+
     image_size: int = 320
     """Pixels a side that views are resized to."""
     patch_size: int = 16
@@ -47,6 +49,8 @@ def camera_embedding(c2w: Tensor, K: Tensor, size: int) -> Tensor:
 
 
 class SelfAttention(nn.Module):
+    """Multi-head self-attention over (B, L, D)."""
+
     def __init__(self, width: int, heads: int) -> None:
         super().__init__()
         self.heads = heads
@@ -76,6 +80,7 @@ class ModulatedBlock(nn.Module):
         nn.init.zeros_(self.modulation[1].bias)
 
     def forward(self, x: Tensor, camera: Tensor) -> Tensor:
+        """(B, L, D) tokens under a camera embedded to (B, D)."""
         shift1, scale1, shift2, scale2 = self.modulation(camera).unsqueeze(1).chunk(4, dim=-1)
         x = x + self.attn(self.norm1(x) * (1.0 + scale1) + shift1)
         return x + self.mlp(self.norm2(x) * (1.0 + scale2) + shift2)
@@ -109,7 +114,8 @@ class ImageEncoder(nn.Module):
         return torch.cat([self.position[:, :1], patches.permute(0, 2, 3, 1).flatten(1, 2)], dim=1)
 
     def forward(self, images: Tensor, cameras: Tensor) -> Tensor:
-        """
+        """Tokens of views, each under its camera.
+
         Args:
             images: (B, 3, H, W) sRGB in [0, 1], composited on the background that the encoder knows.
             cameras: (B, 16), see `camera_embedding`.

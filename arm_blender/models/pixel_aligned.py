@@ -19,6 +19,8 @@ from .visual_hull import Outlines
 
 @dataclass(frozen=True)
 class PixelAlignedConfig:
+    """What a point reads in the views, and how far it trusts their outlines."""
+
     channels: int = 24
     """Of the convolutional features at half of the image's resolution."""
     hidden: int = 48
@@ -44,6 +46,8 @@ class ViewFeatures:
 
 
 class ResidualConv(nn.Module):
+    """x + conv(relu(conv(relu(x)))), as (B, C, H, W)."""
+
     def __init__(self, channels: int) -> None:
         super().__init__()
         self.conv1 = nn.Conv2d(channels, channels, 3, padding=1)

@@ -21,6 +21,8 @@ from .visual_hull import Outlines, signed_silhouette_distance
 
 @dataclass(frozen=True)
 class ReconstructionConfig:
+    """All parts of the model; the defaults are the paper's."""
+
     encoder: ImageEncoderConfig = field(default_factory=ImageEncoderConfig)
     transformer: TransformerConfig = field(default_factory=TransformerConfig)
     upsampler: UpsamplerConfig = field(default_factory=UpsamplerConfig)
@@ -64,12 +66,13 @@ class NetworkViews:
     c2w: Tensor
     K: Tensor
 
-    def to(self, device: torch.device | str) -> "NetworkViews":
-        return NetworkViews(self.images.to(device), self.silhouette.to(device), self.c2w.to(device), self.K.to(device))
-
-
 def network_views(views: ViewSet, config: ReconstructionConfig, silhouette_size: int = 320) -> NetworkViews:
-    """Resize, composite and measure the silhouettes of one object's views; square pixels, padded to a square."""
+    """One object's views as the network takes them, B = 1: padded to a square, composited, resized.
+
+    Args:
+        views: linear, straight alpha, of any size and shape; square pixels.
+        silhouette_size: pixels a side of the silhouettes at most; smaller views keep their size.
+    """
     images, (c2w, K) = views.images, stack_cameras(views.cameras)
     height, width = images.shape[-2:]
     if height != width:
@@ -133,6 +136,7 @@ class ReconstructionModel(nn.Module):
         self.decoder = decoder(config.decoder, inputs, outputs)
 
     def encode(self, views: NetworkViews) -> EncodedViews:
+        """Everything that points are decoded from, for B objects at once."""
         batch, count = views.images.shape[:2]
         images = views.images.flatten(0, 1)  # (B * V, 4, S, S)
         cameras = camera_embedding(views.c2w, views.K, views.silhouette.shape[-1]).flatten(0, 1)
@@ -145,6 +149,12 @@ class ReconstructionModel(nn.Module):
         return EncodedViews(planes, features, volume)
 
     def view_features(self, views: NetworkViews, images: Tensor, tokens: Tensor) -> ViewFeatures:
+        """What points look up in the views.
+
+        Args:
+            images: (B * V, 4, S, S), those of `views`.
+            tokens: (B * V, L, D) of the image encoder, CLS first.
+        """
         grid = images.shape[-1] // self.config.encoder.patch_size
         patches = tokens[:, 1:].transpose(1, 2).unflatten(-1, (grid, grid))
         outlines = Outlines(views.silhouette, views.c2w, views.K)

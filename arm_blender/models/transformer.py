@@ -9,6 +9,8 @@ from torch.nn import functional as F
 
 @dataclass(frozen=True)
 class TransformerConfig:
+    """The paper's transformer (table 4)."""
+
     width: int = 1024
     """Channels of a plane token (paper: 1024)."""
     layers: int = 16
@@ -31,7 +33,8 @@ class CrossAttention(nn.Module):
         self.out = nn.Linear(width, width, bias=False)
 
     def split(self, x: Tensor) -> Tensor:
-        return x.unflatten(-1, (self.heads, -1)).transpose(1, 2)  # (B, heads, L, head)
+        """(B, L, D) by heads: (B, heads, L, D / heads)."""
+        return x.unflatten(-1, (self.heads, -1)).transpose(1, 2)
 
     def forward(self, x: Tensor, context: Tensor) -> Tensor:
         y = F.scaled_dot_product_attention(
@@ -69,10 +72,13 @@ class TriplaneTransformer(nn.Module):
         self.norm = nn.LayerNorm(config.width, eps=1e-6)
 
     def forward(self, context: Tensor, start: Tensor | None = None) -> Tensor:
-        """
+        """Coarse planes of objects.
+
         Args:
             context: (B, L, context width) tokens of all views of an object.
             start: (B, 3 * R * R, D) added to the learned tokens: geometry to start from, if there is any.
+        Returns:
+            (B, 3, D, R, R).
         """
         x = self.position.expand(context.shape[0], -1, -1)
         if start is not None:

@@ -14,6 +14,8 @@ from torch.nn import functional as F
 
 @dataclass(frozen=True)
 class UpsamplerConfig:
+    """The paper's upsampler of planes (figure 9)."""
+
     filters: int = 512
     """Channels of the residual blocks (paper: 512)."""
     blocks: int = 4
@@ -28,6 +30,8 @@ class UpsamplerConfig:
 
 @dataclass(frozen=True)
 class DecoderConfig:
+    """The MLP from a point's feature to raw numbers."""
+
     hidden_layers: int = 4
     """Paper: 4."""
     hidden: int = 32
@@ -35,6 +39,8 @@ class DecoderConfig:
 
 
 class DenseBlock(nn.Module):
+    """Five convolutions, each reading all features before it, within a residual."""
+
     def __init__(self, filters: int, growth: int) -> None:
         super().__init__()
         self.convs = nn.ModuleList(
