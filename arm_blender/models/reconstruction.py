@@ -66,6 +66,7 @@ class NetworkViews:
     c2w: Tensor
     K: Tensor
 
+
 def network_views(views: ViewSet, config: ReconstructionConfig, silhouette_size: int = 320) -> NetworkViews:
     """One object's views as the network takes them, B = 1: padded to a square, composited, resized.
 
