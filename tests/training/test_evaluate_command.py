@@ -92,11 +92,16 @@ def test_the_verdict_knows_that_a_small_distance_is_good():
     assert verdict([result(GOOD, GOOD)]).count("does NOT beat") == 3  # Equal is not better.
 
 
-def test_a_sweep_has_a_row_for_every_combination_and_quality(ball_views, tmp_path, monkeypatch):
+@pytest.fixture
+def quick_sweep(monkeypatch):
+    """A sweep that unwraps nothing and compares fewer points."""
     monkeypatch.delenv("ARM_DATA", raising=False)
-    monkeypatch.setattr(pipeline, "shape", lambda views, settings: ball())
     monkeypatch.setattr(sweep, "unwrap", lambda mesh, config: None)
     monkeypatch.setattr(sweep, "compare", functools.partial(sweep.compare, samples=10_000))
+
+
+def test_a_sweep_has_a_row_for_every_combination_and_quality(ball_views, tmp_path, monkeypatch, quick_sweep):
+    monkeypatch.setattr(pipeline, "shape", lambda views, settings: ball())
     output = tmp_path / "sweep.md"
     words = ["--views", str(ball_views), "--grids", "32", "48", "--faces", "500", "1000", "--output", str(output)]
     assert main(["sweep", *words]) == 0
@@ -106,6 +111,20 @@ def test_a_sweep_has_a_row_for_every_combination_and_quality(ball_views, tmp_pat
     assert len(rows) == len(chosen) == 4 + len(QUALITIES)
     assert all(float(row["f_coarse"]) == 1.0 and float(row["faces"]) == len(ball().faces) for row in rows)
     assert all(f"| {name} |" in output.read_text() for name in QUALITIES)
+
+
+def test_a_sweep_goes_on_where_a_grid_finds_nothing(ball_views, tmp_path, monkeypatch, quick_sweep):
+    def shape(views, settings):
+        if settings.grid == 32:
+            raise EmptyMeshError("no surface")
+        return ball()
+
+    monkeypatch.setattr(pipeline, "shape", shape)
+    output = tmp_path / "sweep.md"
+    words = ["--views", str(ball_views), "--grids", "32", "--faces", "500", "--output", str(output)]
+    assert main(["sweep", *words]) == 0
+    scores = {row["grid"]: float(row["f_coarse"]) for row in csv.DictReader(output.with_suffix(".csv").open())}
+    assert scores.pop("32") == 0.0 and set(scores.values()) == {1.0}
 
 
 def test_the_variants_of_a_scene_need_less_than_it_does(ball_views):

@@ -10,15 +10,17 @@ import io
 import itertools
 import logging
 import time
+from contextlib import suppress
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
 import torch
 
 from arm_blender.config import QUALITIES, Settings
+from arm_blender.errors import EmptyMeshError
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 
-from .evaluate import add_object_arguments, reconstruct
+from .evaluate import FAILED, add_object_arguments, reconstruct
 from .geometry import compare
 from .objects import EvaluationObject, evaluation_objects
 from .results import markdown_table, paragraphs, write_text
@@ -57,7 +59,8 @@ def run(args: argparse.Namespace) -> int:
     chosen = set(itertools.product(args.grids, args.faces)) | {
         (level.grid, level.faces) for level in QUALITIES.values()
     }
-    reconstruct(objects[0].views(), _settings(args, *min(chosen)))  # Loads the weights, untimed.
+    with suppress(EmptyMeshError):
+        reconstruct(objects[0].views(), _settings(args, *min(chosen)))  # Loads the weights, untimed.
     rows = []
     for grid, faces in sorted(chosen):
         rows.append(combination(objects, _settings(args, grid, faces), args.seed))
@@ -69,12 +72,17 @@ def run(args: argparse.Namespace) -> int:
 
 
 def combination(objects: list[EvaluationObject], settings: Settings, seed: int) -> SweepRow:
-    """Means over the objects at one grid and one face budget, which `settings` hold."""
+    """Means over the objects at one grid and one face budget, which `settings` hold; without a surface one fails."""
     totals = torch.zeros(6, dtype=torch.float64)
     for item in objects:
         views = item.views()
         start = time.perf_counter()
-        mesh = reconstruct(views, settings)
+        try:
+            mesh = reconstruct(views, settings)
+        except EmptyMeshError as error:
+            logger.warning("%s: %s", item.name, error)
+            totals += torch.tensor([0.0, *astuple(FAILED), time.perf_counter() - start, 0.0], dtype=torch.float64)
+            continue
         shaped = time.perf_counter()
         unwrap(mesh, UnwrapConfig())
         unwrapped = time.perf_counter()
