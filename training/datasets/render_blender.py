@@ -20,6 +20,7 @@ import OpenImageIO as oiio
 import torch
 from mathutils import Matrix
 
+from arm_blender.blender.compat import use_cycles
 from arm_blender.errors import ArmError
 from arm_blender.graphics.cameras import Camera, orbit_camera
 from arm_blender.graphics.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
@@ -65,7 +66,7 @@ def configure_cycles(config: RenderConfig) -> bpy.types.Object:
     """Set up the scene for one-pass rendering into a multilayer EXR; return the camera."""
     scene = bpy.context.scene
     render = scene.render
-    render.engine = "CYCLES"
+    use_cycles(scene, config.samples, config.denoise)
     render.resolution_x = render.resolution_y = config.resolution
     render.film_transparent = True
     render.use_persistent_data = True
@@ -73,12 +74,9 @@ def configure_cycles(config: RenderConfig) -> bpy.types.Object:
     render.dither_intensity = 0.0
     scene.view_settings.view_transform = "Standard"
     cycles = scene.cycles
-    cycles.device, cycles.samples, cycles.use_adaptive_sampling = "CPU", config.samples, False
     cycles.max_bounces, cycles.use_auto_tile = 4, False
     cycles.pixel_filter_type = "BOX"
-    cycles.use_denoising = config.denoise
-    if config.denoise:
-        cycles.denoiser = "OPENIMAGEDENOISE"
+    if cycles.use_denoising:
         cycles.denoising_prefilter, cycles.denoising_quality = "FAST", "FAST"
     settings = render.image_settings
     if hasattr(settings, "media_type"):  # Blender 5.0 chooses the medium first.

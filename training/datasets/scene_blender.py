@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
+from arm_blender.blender.compat import shader_tree
 from arm_blender.errors import ArmError
 
 logger = logging.getLogger(__name__)
@@ -90,6 +91,7 @@ def normalise(objects: list[bpy.types.Object]) -> None:
 
 
 def principled(material: bpy.types.Material) -> bpy.types.Node | None:
+    """The material's Principled BSDF, None where it has none."""
     tree = material.node_tree
     return next((n for n in tree.nodes if n.type == "BSDF_PRINCIPLED"), None) if tree else None
 
@@ -152,9 +154,7 @@ def set_world(hdri: Path, rotation_deg: float, strength: float) -> None:
     """Light the scene by an equirectangular HDRI, turned about Z."""
     world = bpy.data.worlds.new("environment")
     bpy.context.scene.world = world
-    if world.node_tree is None:  # Before Blender 5.0 a world starts without nodes.
-        world.use_nodes = True
-    tree = world.node_tree
+    tree = shader_tree(world)
     image = tree.nodes.new("ShaderNodeTexEnvironment")
     image.image = bpy.data.images.load(str(hdri))
     image.image.colorspace_settings.name = "Linear Rec.709"
