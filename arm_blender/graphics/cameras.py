@@ -55,13 +55,6 @@ class Camera:
         scale = torch.tensor([width / self.width, height / self.height, 1.0], dtype=self.K.dtype, device=self.K.device)
         return replace(self, K=self.K * scale[:, None], width=width, height=height)
 
-    def cropped(self, left: int, top: int, width: int, height: int) -> "Camera":
-        """The camera of a window of the image; the window may reach beyond the image."""
-        K = self.K.clone()
-        K[0, 2] -= left
-        K[1, 2] -= top
-        return replace(self, K=K, width=width, height=height)
-
 
 def intrinsics_from_fovy(fovy: float, width: int, height: int) -> Tensor:
     """(3, 3) K in pixels with square pixels and a centred principal point; `fovy` in radians."""
