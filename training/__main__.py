@@ -32,7 +32,7 @@ STAGES = {
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run one command; returns the exit status: 0 done, 1 failed, 2 bad usage."""
+    """Run one command; returns the exit status: 0 done, 1 failed, 2 bad usage, 130 interrupted."""
     words = sys.argv[1:] if argv is None else argv
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
     try:
