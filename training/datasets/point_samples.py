@@ -204,11 +204,14 @@ class SampleCache:
     """Samples of a folder in memory, about 2 MB each; what is rendered meanwhile joins at `refresh`.
 
     Attributes:
+        favoured: names of objects that every other draw takes.
         held_out: samples of objects that are never drawn.
     """
 
-    def __init__(self, folder: Path, load: Callable[[Path], PointSample]) -> None:
-        self.folder, self.load = folder, load
+    def __init__(
+        self, folder: Path, load: Callable[[Path], PointSample], favoured: frozenset[str] = frozenset()
+    ) -> None:
+        self.folder, self.load, self.favoured = folder, load, favoured
         self.loaded: dict[Path, PointSample] = {}
         self.checked = -math.inf
         self.refresh()
@@ -223,8 +226,13 @@ class SampleCache:
                 self.loaded[path] = self.load(path)
         usable = {path: sample for path, sample in self.loaded.items() if sample.usable}
         self.held_out = [sample for path, sample in usable.items() if is_held_out(path)]
-        self.training = [sample for path, sample in usable.items() if not is_held_out(path)]
+        training = {path: sample for path, sample in usable.items() if not is_held_out(path)}
+        self.training = list(training.values())
+        self.preferred = [sample for path, sample in training.items() if path.parent.name in self.favoured]
         logger.info("%d samples to train on, %d held out", len(self.training), len(self.held_out))
 
     def draw(self, generator: torch.Generator) -> PointSample:
-        return self.training[int(torch.randint(len(self.training), (), generator=generator))]
+        """Any sample; every other time one of a favoured object, where there are such."""
+        prefer = self.preferred and float(torch.rand((), generator=generator)) < 0.5
+        samples = self.preferred if prefer else self.training
+        return samples[int(torch.randint(len(samples), (), generator=generator))]

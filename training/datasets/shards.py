@@ -7,6 +7,7 @@ mesh.npz, the true surface: vertices (N, 3) float32 world, faces (F, 3) int32.
 occupancy.npz, points around it: points (P, 3) float16 world, distance (P,) float16 world units, positive inside.
 """
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +51,17 @@ def read_mesh(path: Path) -> TriangleMesh:
     """The true surface in a `mesh.npz`, in the frame of the cameras; its vertices may be split at seams."""
     with np.load(path) as file:
         return TriangleMesh(torch.from_numpy(file["vertices"]).float(), torch.from_numpy(file["faces"]).long())
+
+
+def real_objects(data: Path | None) -> frozenset[str]:
+    """Names of the scanned and measured objects of a data folder; none without a folder.
+
+    They are few among many low-poly ones, and what users bring looks like them.
+    """
+    if data is None:
+        return frozenset()
+    manifest = json.loads((Path(data) / "manifest.json").read_text())
+    return frozenset(entry["id"] for entry in manifest["objects"] if entry["set"] in ("gso", "pbr"))
 
 
 def cameras(arrays: dict[str, np.ndarray]) -> tuple[Camera, ...]:

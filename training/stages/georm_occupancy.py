@@ -18,6 +18,7 @@ from arm_blender import checkpoints
 from arm_blender.models.georm import GeoRM
 from arm_blender.models.reconstruction import SMALL
 
+from ..datasets import shards
 from ..datasets.point_samples import (
     PointSample,
     SampleCache,
@@ -74,6 +75,7 @@ def validate(model: GeoRM, samples: list[PointSample]) -> dict[str, float]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--shards", type=Path, required=True)
+    parser.add_argument("--data", type=Path, help="folder with manifest.json; every other sample is a real object's")
     parser.add_argument("--output", type=Path, required=True, help="safetensors file of the weights")
     parser.add_argument("--start", type=Path, help="weights to start from")
     parser.add_argument("--minutes", type=float, default=60.0)
@@ -90,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
     model = GeoRM(SMALL)
     if args.start:
         checkpoints.restore(model, checkpoints.load(args.start, type(SMALL))[1], args.start)
-    samples = SampleCache(args.shards, load_occupancy)
+    samples = SampleCache(args.shards, load_occupancy, shards.real_objects(args.data))
     trainer = Trainer(
         model, TrainerConfig(minutes=args.minutes, learning_rate=args.learning_rate), args.output.with_suffix(".resume")
     )

@@ -16,6 +16,7 @@ from arm_blender import checkpoints
 from arm_blender.models.glossyrm import GlossyRM
 from arm_blender.models.reconstruction import SMALL, ReconstructionConfig
 
+from ..datasets import shards
 from ..datasets.point_samples import (
     PointSample,
     SampleCache,
@@ -47,6 +48,7 @@ def validate(model: GlossyRM, samples: list[PointSample], constant: Tensor) -> d
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--shards", type=Path, required=True)
+    parser.add_argument("--data", type=Path, help="folder with manifest.json; every other sample is a real object's")
     parser.add_argument("--output", type=Path, required=True, help="safetensors file of the weights")
     parser.add_argument("--georm", type=Path, help="GeoRM's weights to start from")
     parser.add_argument("--start", type=Path, help="GlossyRM's weights to go on from")
@@ -66,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
         model.load_geometry(checkpoints.load(args.georm, ReconstructionConfig)[1])
     if args.start:
         checkpoints.restore(model, checkpoints.load(args.start, ReconstructionConfig)[1], args.start)
-    samples = SampleCache(args.shards, load_gloss)
+    samples = SampleCache(args.shards, load_gloss, shards.real_objects(args.data))
     constant = torch.stack([s.target.float().mean(0) for s in samples.training]).mean(0)
     trainer = Trainer(
         model, TrainerConfig(minutes=args.minutes, learning_rate=args.learning_rate), args.output.with_suffix(".resume")
