@@ -41,6 +41,20 @@ def test_tiled_uvs_are_no_atlas(tmp_path):
     assert isinstance(read_mesh(tmp_path / "tiled.glb"), TriangleMesh)
 
 
+def test_uvs_in_one_place_are_no_atlas(tmp_path):
+    quad = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 1, 2]], process=False)
+    quad.visual = trimesh.visual.TextureVisuals(uv=[[0.5, 0.5]] * 3)
+    quad.export(tmp_path / "point.glb")
+    assert isinstance(read_mesh(tmp_path / "point.glb"), TriangleMesh)
+
+
+@pytest.mark.parametrize("scale", [1e7, 1e25])
+def test_a_mesh_out_of_all_proportion_is_refused(tmp_path, scale):
+    trimesh.creation.box((scale, scale, scale)).export(tmp_path / "huge.stl")
+    with pytest.raises(EmptyMeshError, match="huge.stl: has coordinates beyond"):
+        read_mesh(tmp_path / "huge.stl")
+
+
 @pytest.mark.parametrize(
     ("name", "content"), [("none.obj", None), ("bad.glb", b"glTF no"), ("empty.obj", b"# nothing")]
 )
