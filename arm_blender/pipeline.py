@@ -10,6 +10,7 @@ from torch import nn
 
 from . import checkpoints
 from .config import Settings
+from .errors import EmptyMeshError
 from .graphics.isosurface import extract
 from .graphics.sample_grid import IsosurfaceConfig
 from .models.georm import GeoRM
@@ -60,6 +61,9 @@ def generate(
         ArmError: the input does not do, weights are missing, or the density has no surface.
     """
     report = report or Report(settings.preset, settings.device, settings.seed)
+    for name in NETWORKS:
+        if name != "georm" or settings.mesh is None:
+            checkpoints.read_header(settings.weights(name))  # What is missing is said before the work.
     with _running(settings), torch.inference_mode():
         chosen = views.chosen()
         if len(chosen.cameras) < len(views.cameras):
@@ -75,6 +79,8 @@ def generate(
             mesh = atlas(mesh, settings, report, part(progress, 0.4, 0.6))
         with report.stage("appearance"):
             material = appearance(mesh, views, settings, report, part(progress, 0.6, 0.95))
+            if settings.mesh is not None and report.seen_share == 0.0:
+                raise EmptyMeshError(f"{settings.mesh}: no view sees it; bring it to where the object is in the views")
     mesh = mesh.moved(frame.restore)
     report.faces, report.charts, report.texture_size = len(mesh.faces), mesh.charts, material.albedo.shape[-1]
     return RelightableAsset(views.name, mesh, material).to("cpu"), report
@@ -88,12 +94,15 @@ def shape(views: ViewSet, settings: Settings, progress: Progress = silent) -> Tr
     config = IsosurfaceConfig(
         settings.resolved.grid, iso=0.0, dense=settings.dense, chunk=POINTS_AT_ONCE[settings.device]
     )
-    surface = extract(
-        lambda points: network.occupancy_logit(encoded, points[None])[0],
-        config,
-        part(progress, 0.2, 0.8),
-        settings.device,
-    )
+    try:
+        surface = extract(
+            lambda points: network.occupancy_logit(encoded, points[None])[0],
+            config,
+            part(progress, 0.2, 0.8),
+            settings.device,
+        )
+    except EmptyMeshError as error:
+        raise EmptyMeshError(f"{views.name}: {error}") from error
     progress(0.8, "cleaning the mesh")
     return decimate(clean(surface), settings.resolved.faces)
 

@@ -173,6 +173,11 @@ def test_an_output_that_no_file_system_or_writer_takes_is_refused(pipeline, pict
     assert "choose another --output" in only_line(capsys.readouterr().err) and pipeline == []
 
 
+def test_a_name_too_long_for_the_results_is_refused_before_any_work(pipeline, tmp_path, capsys):
+    assert run("generate", a_picture(tmp_path / ("x" * 210 + ".png")), "--output", tmp_path / "out") == 1
+    assert "rename" in only_line(capsys.readouterr().err) and pipeline == []
+
+
 def test_an_unwritable_output_is_refused_before_any_work(pipeline, picture, capsys):
     assert run("generate", picture, "--output", picture / "out") == 1
     assert "cup.png" in only_line(capsys.readouterr().err) and pipeline == []

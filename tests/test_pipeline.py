@@ -9,7 +9,7 @@ import trimesh
 
 from arm_blender import pipeline
 from arm_blender.config import Settings
-from arm_blender.errors import ArmError, Cancelled
+from arm_blender.errors import ArmError, Cancelled, CheckpointError, EmptyMeshError
 from arm_blender.graphics.cameras import project
 from arm_blender.report import Report
 from arm_blender.structures import RelightableAsset, ViewSet
@@ -109,6 +109,34 @@ def test_a_users_mesh_keeps_its_shape_and_its_uvs(views, tmp_path):
     assert torch.allclose(asset.mesh.vertices.amax(0), torch.tensor(cylinder.bounds[1]).float(), atol=1e-5)
     assert len(asset.mesh.faces) == len(cylinder.faces)
     assert "reconstruction of the shape" in {note.what for note in report.left_out}
+
+
+def test_a_mesh_that_no_view_sees_is_named(views, tmp_path):
+    cylinder = trimesh.creation.cylinder(0.45, 1.9, sections=24)
+    cylinder.apply_translation([50.0, 0.0, 0.0])
+    cylinder.export(tmp_path / "far.ply")
+    with pytest.raises(EmptyMeshError, match="far.ply: no view sees it"):
+        pipeline.generate(views, replace(QUICK, mesh=tmp_path / "far.ply"))
+
+
+@pytest.mark.parametrize("missing", ["georm", "glossyrm", "instant_albedo"])
+def test_missing_weights_are_known_before_the_work(views, tmp_path, monkeypatch, missing):
+    real = Settings.weights
+    there = {name: real(QUICK, name) for name in pipeline.NETWORKS} | {missing: tmp_path / "gone.safetensors"}
+    monkeypatch.setattr(Settings, "weights", lambda _, name: there[name])
+    report = Report("small", "cpu", 0)
+    with pytest.raises(CheckpointError, match="gone.safetensors"):
+        pipeline.generate(views, QUICK, report=report)
+    assert report.seconds == {}
+
+
+def test_a_density_without_a_surface_names_the_views(views, monkeypatch):
+    def nothing(*_):
+        raise EmptyMeshError("no surface")
+
+    monkeypatch.setattr(pipeline, "extract", nothing)
+    with pytest.raises(EmptyMeshError, match=f"{views.name}: no surface"):
+        pipeline.shape(views, QUICK)
 
 
 @pytest.mark.parametrize("stage", ["GeoRM: reading the views", "Unwrapping", "GlossyRM: decoding texels"])

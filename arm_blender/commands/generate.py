@@ -8,12 +8,13 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
 import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import ArmError
+from ..errors import ArmError, InputImageError
 from ..files import check_output
 from ..progress import part
 from . import UsageError
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
     from ..report import Report
     from ..structures import RelightableAsset
     from ..views import ViewOptions
+
+LONGEST_NAME = 200
+"""Bytes: with what files that are underway have around it, it stays below the 255 that file systems take."""
 
 NO_BPY = "bpy is not installed here; `pip install bpy`, or use `blender --command arm`"
 
@@ -113,6 +117,8 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
         views = load_views(args.views, options, part(progress, 0.0, 0.05), report.leave_out)
     if name is not None:
         views = replace(views, name=name)
+    if len(os.fsencode(views.name)) > LONGEST_NAME:
+        raise InputImageError(f"{args.views}: the name is too long for the files made of it; rename it")
     asset, report = pipeline.generate(views, settings, part(progress, 0.05, 0.85), report)
     if args.place == "ground":
         asset = on_the_ground(asset)
