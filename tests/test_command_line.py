@@ -214,6 +214,8 @@ def test_missing_weights_are_one_line(picture, tmp_path, capsys, monkeypatch):
         ["generate", "VIEWS", "--output", "OUT", "--view-weights", "1,-1"],
         ["generate", "VIEWS", "--output", "OUT", "--fovy", "190"],
         ["batch", "VIEWS", "--output", "OUT", "--jobs", "0"],
+        ["relight", "VIEWS", "--output", "OUT", "--hdri", "city", "--turntable", "0"],
+        ["relight", "VIEWS", "--output", "OUT", "--hdri", "city", "--resolution", "100000"],
     ],
     ids=" ".join,
 )

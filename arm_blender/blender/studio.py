@@ -57,6 +57,8 @@ def light_by_environment(scene: bpy.types.Scene, path: Path) -> None:
     environment = tree.nodes.new("ShaderNodeTexEnvironment")
     try:
         environment.image = bpy.data.images.load(str(path), check_existing=False)
+        if 0 in environment.image.size:  # Blender takes any file for a picture, and lights by pink what it cannot read.
+            raise RuntimeError(f"{path} has no pixels")
     except RuntimeError as error:
         raise InputImageError(f"{path}: Blender cannot read this environment map; give a .hdr or .exr file") from error
     tree.links.new(environment.outputs["Color"], background.inputs["Color"])

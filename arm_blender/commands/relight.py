@@ -8,6 +8,10 @@ from ..files import check_output
 from . import UsageError, generate
 
 
+LARGEST = {"turntable": 3600, "resolution": 8192, "samples": 65536}
+"""Blender takes more, and cannot be stopped while it renders."""
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("asset", type=Path, metavar="ASSET", help="a .blend or .glb that `generate` wrote")
     parser.add_argument(
@@ -22,9 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    for name in ("turntable", "resolution", "samples"):
-        if getattr(args, name) < 1:
-            raise UsageError(f"--{name} {getattr(args, name)}: give at least 1")
+    for name, most in LARGEST.items():
+        if not 1 <= getattr(args, name) <= most:
+            raise UsageError(f"--{name} {getattr(args, name)}: give 1 to {most}")
     if not args.asset.is_file():
         raise ArmError(f"{args.asset}: no such asset; give a .blend or .glb file")
     check_output(args.output)

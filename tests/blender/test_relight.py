@@ -142,6 +142,14 @@ def test_an_unknown_environment_names_those_that_there_are():
         environment_path("moonbase")
 
 
+@pytest.mark.parametrize("content", [b"", b"no picture", b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 8 +X 16\n\1"])
+def test_an_environment_that_is_no_picture_is_named(asset, tmp_path, content):
+    (tmp_path / "sky.hdr").write_bytes(content)
+    with pytest.raises(InputImageError, match="sky.hdr"):
+        relight(build_object(asset, {}), [tmp_path / "sky.hdr"], tmp_path / "out", TINY)
+    assert not (tmp_path / "out").exists()
+
+
 def test_what_is_no_asset_is_an_error_of_one_line(tmp_path):
     (tmp_path / "broken.glb").write_bytes(b"glTF nonsense")
     (tmp_path / "broken.blend").write_bytes(b"nonsense")
