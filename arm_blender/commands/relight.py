@@ -7,7 +7,6 @@ from ..errors import ArmError
 from ..files import check_output
 from . import UsageError, generate
 
-
 LARGEST = {"turntable": 3600, "resolution": 8192, "samples": 65536}
 """Blender takes more, and cannot be stopped while it renders."""
 
