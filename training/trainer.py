@@ -6,7 +6,6 @@ A run may be stopped at any moment and goes on from its last resume file; what i
 import copy
 import logging
 import math
-import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,11 +14,15 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
+from arm_blender.files import whole_file
+
 logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class TrainerConfig:
+    """How long, how fast, and how often to look and to save."""
+
     minutes: float = 60.0
     """Wall-clock budget; the learning rate falls to zero over it. Time spent before a resume counts."""
     learning_rate: float = 1e-3
@@ -68,9 +71,8 @@ class Trainer:
             "step": self.step,
             "spent": self.spent,
         }
-        temporary = self.resume.with_suffix(".partial")
-        torch.save(state, temporary)
-        os.replace(temporary, self.resume)
+        with whole_file(self.resume) as temporary:
+            torch.save(state, temporary)
 
     def learning_rate(self) -> float:
         """Linear warm-up, then a cosine over the time budget."""

@@ -40,7 +40,7 @@ def foreground(image: Tensor, path: Path) -> Tensor:
         return image
     background = _plain_background(image)
     if background is None:
-        raise InputImageError(f"{path}: no foreground found; supply an image with alpha, or turn on background removal")
+        raise InputImageError(f"{path}: no foreground found; supply an image with alpha, or one on a plain background")
     return torch.cat([image[:3], (image[3] * ~background)[None]])
 
 
