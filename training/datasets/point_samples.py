@@ -1,5 +1,6 @@
 """Samples that supervise a field at points: compact in memory, augmented when they are drawn."""
 
+import argparse
 import logging
 import math
 import time
@@ -198,6 +199,19 @@ def depth_loss(predicted: Tensor, truth: Tensor) -> Tensor:
 def is_held_out(path: Path) -> bool:
     """Whether a sample's object only validates; its name decides, however many samples there are."""
     return zlib.crc32(path.parent.name.encode()) % HELD_OUT_EVERY == 0
+
+
+def add_arguments(parser: argparse.ArgumentParser, minutes: float, points: int, learning_rate: float) -> None:
+    """The options of a stage that learns from points, with that stage's defaults."""
+    parser.add_argument("--shards", type=Path, required=True)
+    parser.add_argument("--data", type=Path, help="folder with manifest.json; every other sample is a real object's")
+    parser.add_argument("--output", type=Path, required=True, help="safetensors file of the weights")
+    parser.add_argument("--start", type=Path, help="the stage's own weights to go on from")
+    parser.add_argument("--minutes", type=float, default=minutes)
+    parser.add_argument("--batch", type=int, default=2, help="objects a step")
+    parser.add_argument("--points", type=int, default=points, help="points an object")
+    parser.add_argument("--learning-rate", type=float, default=learning_rate)
+    parser.add_argument("--seed", type=int, default=0)
 
 
 class SampleCache:

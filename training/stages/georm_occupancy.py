@@ -7,7 +7,6 @@ times cheaper a step than volume rendering, and it leaves a density whose iso-su
 
 import argparse
 import logging
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -18,7 +17,7 @@ from arm_blender import checkpoints
 from arm_blender.models.georm import GeoRM
 from arm_blender.models.reconstruction import SMALL
 
-from ..datasets import shards
+from ..datasets import point_samples, shards
 from ..datasets.point_samples import (
     PointSample,
     SampleCache,
@@ -74,15 +73,7 @@ def validate(model: GeoRM, samples: list[PointSample]) -> dict[str, float]:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--shards", type=Path, required=True)
-    parser.add_argument("--data", type=Path, help="folder with manifest.json; every other sample is a real object's")
-    parser.add_argument("--output", type=Path, required=True, help="safetensors file of the weights")
-    parser.add_argument("--start", type=Path, help="weights to start from")
-    parser.add_argument("--minutes", type=float, default=60.0)
-    parser.add_argument("--batch", type=int, default=2, help="objects a step")
-    parser.add_argument("--points", type=int, default=6144, help="points an object")
-    parser.add_argument("--learning-rate", type=float, default=1e-3)
-    parser.add_argument("--seed", type=int, default=0)
+    point_samples.add_arguments(parser, minutes=60.0, points=6144, learning_rate=4e-4)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -16,7 +16,7 @@ from arm_blender import checkpoints
 from arm_blender.models.glossyrm import GlossyRM
 from arm_blender.models.reconstruction import SMALL, ReconstructionConfig
 
-from ..datasets import shards
+from ..datasets import point_samples, shards
 from ..datasets.point_samples import (
     PointSample,
     SampleCache,
@@ -47,16 +47,8 @@ def validate(model: GlossyRM, samples: list[PointSample], constant: Tensor) -> d
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--shards", type=Path, required=True)
-    parser.add_argument("--data", type=Path, help="folder with manifest.json; every other sample is a real object's")
-    parser.add_argument("--output", type=Path, required=True, help="safetensors file of the weights")
+    point_samples.add_arguments(parser, minutes=20.0, points=2048, learning_rate=4e-4)
     parser.add_argument("--georm", type=Path, help="GeoRM's weights to start from")
-    parser.add_argument("--start", type=Path, help="GlossyRM's weights to go on from")
-    parser.add_argument("--minutes", type=float, default=20.0)
-    parser.add_argument("--batch", type=int, default=2, help="objects a step")
-    parser.add_argument("--points", type=int, default=2048, help="points an object")
-    parser.add_argument("--learning-rate", type=float, default=6e-4)
-    parser.add_argument("--seed", type=int, default=0)
 
 
 def run(args: argparse.Namespace) -> int:
