@@ -250,3 +250,9 @@ class SampleCache:
         prefer = self.preferred and float(torch.rand((), generator=generator)) < 0.5
         samples = self.preferred if prefer else self.training
         return samples[int(torch.randint(len(samples), (), generator=generator))]
+
+    def batch(self, count: int, points: int, generator: torch.Generator) -> Batch:
+        """What a step sees: `count` samples, augmented, at `points` points each, all with the same views kept."""
+        self.refresh()
+        picks = [self.draw(generator) for _ in range(count)]
+        return batched([augmented(sample, points, generator) for sample in picks], drop_views(generator))

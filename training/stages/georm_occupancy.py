@@ -21,10 +21,7 @@ from ..datasets import point_samples, shards
 from ..datasets.point_samples import (
     PointSample,
     SampleCache,
-    augmented,
-    batched,
     depth_loss,
-    drop_views,
     expanded,
     load_occupancy,
 )
@@ -89,9 +86,7 @@ def run(args: argparse.Namespace) -> int:
     )
 
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
-        samples.refresh()
-        picks = [samples.draw(generator) for _ in range(args.batch)]
-        batch = batched([augmented(s, args.points, generator) for s in picks], drop_views(generator))
+        batch = samples.batch(args.batch, args.points, generator)
         encoded = model.encode(batch.views)
         with torch.no_grad():
             hull = encoded.views.outlines.hull_distance(batch.points)

@@ -20,10 +20,7 @@ from ..datasets import point_samples, shards
 from ..datasets.point_samples import (
     PointSample,
     SampleCache,
-    augmented,
-    batched,
     depth_loss,
-    drop_views,
     expanded,
     load_gloss,
 )
@@ -67,14 +64,10 @@ def run(args: argparse.Namespace) -> int:
     )
 
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
-        samples.refresh()
-        picks = [samples.draw(generator) for _ in range(args.batch)]
-        batch = batched([augmented(s, args.points, generator) for s in picks], drop_views(generator))
+        batch = samples.batch(args.batch, args.points, generator)
         encoded = model.encode(batch.views)
-        gloss, depth = (
-            F.mse_loss(model(encoded, batch.points), batch.target),
-            depth_loss(encoded.views.depth, batch.depth),
-        )
+        gloss = F.mse_loss(model(encoded, batch.points), batch.target)
+        depth = depth_loss(encoded.views.depth, batch.depth)
         # The depth keeps what GeoRM has learnt of where the surface is.
         return gloss + DEPTH_WEIGHT * depth, {"gloss": float(gloss.detach()), "depth": float(depth.detach())}
 
