@@ -111,9 +111,9 @@ def expanded(views: NetworkViews) -> NetworkViews:
 
 
 def drop_views(generator: torch.Generator) -> Tensor:
-    """Indices of the input views that a step keeps: all six, or in one of five steps 1 to 5 of them."""
+    """Indices of the input views that a step keeps: all six, or in one of ten steps 1 to 5 of them."""
     count = 6
-    if float(torch.rand((), generator=generator)) < 0.2:
+    if float(torch.rand((), generator=generator)) < 0.1:
         count = int(torch.randint(1, 6, (), generator=generator))
     return torch.randperm(6, generator=generator)[:count].sort().values
 
@@ -164,9 +164,10 @@ def augmented(sample: PointSample, count: int, generator: torch.Generator) -> Ba
     target = sample.target[chosen].float()
     if target.shape[1] == 1:
         target = target * scale  # A distance.
-    if uniform(0.0, 1.0) < 0.5 and not sample.zero123plus:
-        mirror = torch.diag(torch.tensor([-1.0, 1.0, 1.0, 1.0]))
-        c2w, points = mirror @ c2w @ mirror, points * torch.tensor([-1.0, 1.0, 1.0])
+    if uniform(0.0, 1.0) < 0.5:
+        # Across the plane y = 0, which takes the Zero123++ rig's azimuths 30, 90, ... to themselves, heights and all.
+        world, camera = torch.diag(torch.tensor([1.0, -1.0, 1.0, 1.0])), torch.diag(torch.tensor([-1.0, 1.0, 1.0, 1.0]))
+        c2w, points = world @ c2w @ camera, points * torch.tensor([1.0, -1.0, 1.0])
         images, silhouette, depth, K = images.flip(-1), silhouette.flip(-1), depth.flip(-1), K.clone()
         K[..., 0, 2] = silhouette.shape[-1] - K[..., 0, 2]
     exposure = uniform(0.7, 1.3)

@@ -139,12 +139,13 @@ def render_view(camera: Camera, camera_object: bpy.types.Object, scratch: Path) 
 
 
 def random_rig(rng: np.random.Generator, size: int) -> tuple[Camera, ...]:
-    """Six input views, of the Zero123++ rig turned at random or of a free rig, and four more from anywhere.
+    """Six input views, of a turned Zero123++ rig or of a free rig, and four more from anywhere.
 
     Fields of view go from 18° to 55° and distances from 2.6 to 9, as users bring them. A ball of radius 1.14 to 1.79
     around the origin fills the frame, so that a mask cuts off no more than the corners of a full box.
     """
-    turn = rng.uniform(0.0, 360.0)
+    # Objects are photographed and modelled along their axes: half of the rigs stand as users' do.
+    turn = 90.0 * rng.integers(4) if rng.random() < 0.5 else rng.uniform(0.0, 360.0)
 
     def framed(azimuth_deg: float, elevation_deg: float, fovy_deg: float, fill: float) -> Camera:
         distance = float(np.clip(1.25 / (fill * math.sin(math.radians(fovy_deg) / 2.0)), 1.8, 9.0))
