@@ -1,6 +1,7 @@
 """The training loop that every stage shares: a time budget, a schedule, an average of the weights, and a resume file.
 
-A run may be stopped at any moment and goes on from its last resume file; what it leaves behind is whole.
+A run may be stopped at any moment and goes on from its last resume file; what it leaves behind is whole. Under
+`torchrun` each process draws its own samples and all take the same step (see distributed.py).
 """
 
 import copy
@@ -15,6 +16,8 @@ import torch
 from torch import Tensor, nn
 
 from arm_blender.files import whole_file
+
+from . import distributed
 
 logger = logging.getLogger(__name__)
 
@@ -49,6 +52,7 @@ class Trainer:
     """
 
     def __init__(self, model: nn.Module, config: TrainerConfig, resume: Path) -> None:
+        distributed.join()
         self.model, self.config, self.resume = model, config, resume
         self.optimizer = torch.optim.AdamW(
             model.parameters(), lr=config.learning_rate, betas=(0.9, 0.98), weight_decay=config.weight_decay
@@ -102,26 +106,34 @@ class Trainer:
             value, numbers = loss(self.step)
             self.optimizer.zero_grad(set_to_none=True)
             value.backward()
+            seconds = distributed.average_gradients(list(self.model.parameters()), time.monotonic() - started)
             norm = nn.utils.clip_grad_norm_(self.model.parameters(), self.config.clip)
             # One bad sample must not end a night's run, nor enter the weights.
             if bool(norm.isfinite()):
                 self.optimizer.step()
                 self.update_average()
             self.step += 1
-            self.spent += time.monotonic() - started
+            self.spent += seconds
             for key, number in {"loss": float(value.detach()), **numbers}.items():
                 totals[key] = totals.get(key, 0.0) + number / self.config.log_every
             if self.step % self.config.log_every == 0:
                 self.report("mean", totals)
                 totals = {}
             if time.monotonic() - last_save > 60.0 * self.config.save_every_minutes:
-                self.save()
-                self.report("validation", validate(self.averaged))
+                self.keep(validate)
                 last_save = time.monotonic()
-        self.save()
-        self.report("validation", validate(self.averaged))
+        self.keep(validate)
+        distributed.leave()
         return self.averaged
 
+    def keep(self, validate: Callable[[nn.Module], dict[str, float]]) -> None:
+        """Save and validate, in one of the processes: all have the same weights."""
+        if distributed.rank() == 0:
+            self.save()
+            self.report("validation", validate(self.averaged))
+
     def report(self, what: str, numbers: dict[str, float]) -> None:
+        if distributed.rank() > 0:
+            return
         text = ", ".join(f"{key} {number:.4f}" for key, number in numbers.items())
         logger.info("step %d, %.1f min, %s: %s", self.step, self.spent / 60.0, what, text)

@@ -17,6 +17,7 @@ from arm_blender import checkpoints
 from arm_blender.models.georm import GeoRM
 from arm_blender.models.reconstruction import SMALL
 
+from .. import distributed
 from ..datasets import point_samples, shards
 from ..datasets.point_samples import (
     PointSample,
@@ -75,7 +76,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Train and write the averaged weights."""
-    generator = torch.Generator().manual_seed(args.seed)
     torch.manual_seed(args.seed)
     model = GeoRM(SMALL)
     if args.start:
@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
     )
 
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
-        batch = samples.batch(args.batch, args.points, generator)
+        batch = samples.batch(args.batch, args.points, distributed.generator(args.seed, index))
         encoded = model.encode(batch.views)
         with torch.no_grad():
             hull = encoded.views.outlines.hull_distance(batch.points)
@@ -98,5 +98,6 @@ def run(args: argparse.Namespace) -> int:
         }
 
     averaged = trainer.run(step, lambda m: validate(m, samples.held_out))
-    checkpoints.save(args.output, averaged.state_dict(), SMALL, name="small.georm")
+    if distributed.rank() == 0:
+        checkpoints.save(args.output, averaged.state_dict(), SMALL, name="small.georm")
     return 0

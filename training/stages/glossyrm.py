@@ -16,6 +16,7 @@ from arm_blender import checkpoints
 from arm_blender.models.glossyrm import GlossyRM
 from arm_blender.models.reconstruction import SMALL, ReconstructionConfig
 
+from .. import distributed
 from ..datasets import point_samples, shards
 from ..datasets.point_samples import (
     PointSample,
@@ -50,7 +51,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Train and write the averaged weights."""
-    generator = torch.Generator().manual_seed(args.seed)
     torch.manual_seed(args.seed)
     model = GlossyRM(SMALL)
     if args.georm:
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     )
 
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
-        batch = samples.batch(args.batch, args.points, generator)
+        batch = samples.batch(args.batch, args.points, distributed.generator(args.seed, index))
         encoded = model.encode(batch.views)
         gloss = F.mse_loss(model(encoded, batch.points), batch.target)
         depth = depth_loss(encoded.views.depth, batch.depth)
@@ -72,5 +72,6 @@ def run(args: argparse.Namespace) -> int:
         return gloss + DEPTH_WEIGHT * depth, {"gloss": float(gloss.detach()), "depth": float(depth.detach())}
 
     averaged = trainer.run(step, lambda m: validate(m, samples.held_out, constant))
-    checkpoints.save(args.output, averaged.state_dict(), SMALL, name="small.glossyrm")
+    if distributed.rank() == 0:
+        checkpoints.save(args.output, averaged.state_dict(), SMALL, name="small.glossyrm")
     return 0

@@ -19,6 +19,7 @@ from arm_blender.graphics.color import srgb_from_linear
 from arm_blender.models.instant_albedo import SMALL, InstantAlbedo, InstantAlbedoConfig
 from arm_blender.structures import TexelMap, TexelViews
 
+from .. import distributed
 from ..datasets import atlases
 from ..datasets.atlases import Atlas
 from ..losses import ImageLossConfig, Perceptual, image_loss
@@ -67,13 +68,13 @@ def fit(
     trainer = Trainer(InstantAlbedo(config), trainer_config, output.with_suffix(".resume"))
 
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
-        # Seeded by the step: a resumed run draws what an unbroken one would have.
-        random = torch.Generator().manual_seed((seed << 32) + index)
+        random = distributed.generator(seed, index)
         return sample_loss(trainer.model, draw(training, random), settings, random)
 
     averaged = trainer.run(step, lambda model: validate(model, held_out, settings))
     metadata = {"steps": str(trainer.step), "samples": str(len(training))}
-    checkpoints.save(output, averaged.state_dict(), config, "small.instant_albedo", metadata, half=True)
+    if distributed.rank() == 0:
+        checkpoints.save(output, averaged.state_dict(), config, "small.instant_albedo", metadata, half=True)
     return averaged
 
 

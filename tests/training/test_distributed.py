@@ -1,0 +1,75 @@
+"""Two processes with half of the samples each take the step that one process takes with all of them."""
+
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import torch
+
+WORKER = """
+import sys
+from pathlib import Path
+
+import torch
+from training import distributed
+from training.trainer import Trainer, TrainerConfig
+
+model = torch.nn.Linear(1, 1)
+with torch.no_grad():
+    model.weight.fill_(0.5)
+    model.bias.fill_(0.0)
+unused = torch.nn.Parameter(torch.zeros(3))
+model.register_parameter("unused", unused)
+folder = Path(sys.argv[1])
+config = TrainerConfig(minutes=0.05, learning_rate=0.05, warmup_steps=1, weight_decay=0.0, log_every=1000)
+trainer = Trainer(model, config, folder / "line.resume")
+x = torch.linspace(-1, 1, 20)[distributed.rank()::2][:, None]
+gradients = []
+
+
+def loss(step):
+    if step == 1:
+        gradients.append(model.weight.grad.clone())
+    return (model(x) - (2.0 * x + 1.0)).square().mean(), {}
+
+
+trainer.run(loss, lambda m: {})
+torch.save({"model": model.state_dict(), "step": trainer.step, "gradient": gradients[0]},
+           folder / f"rank{distributed.rank()}.pt")
+"""
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def test_two_processes_share_every_step_and_one_of_them_writes(tmp_path):
+    root = Path(__file__).parents[2]
+    common = {**os.environ, "WORLD_SIZE": "2", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(free_port())}
+    workers = [
+        subprocess.Popen(
+            [sys.executable, "-c", WORKER, str(tmp_path)],
+            env={**common, "RANK": str(rank), "PYTHONPATH": str(root), "OMP_NUM_THREADS": "1"},
+            stderr=subprocess.PIPE,
+        )
+        for rank in range(2)
+    ]
+    for worker in workers:
+        _, error = worker.communicate(timeout=120)
+        assert worker.returncode == 0, error.decode()[-2000:]
+    first, second = (torch.load(tmp_path / f"rank{rank}.pt") for rank in range(2))
+    assert first["step"] == second["step"] > 1
+    for key, value in first["model"].items():
+        assert torch.equal(value, second["model"][key])
+    # The gradient of the mean squared error over all twenty samples, at weight 1/2 and bias 0.
+    x = torch.linspace(-1, 1, 20)
+    expected = (2.0 * (0.5 * x - (2.0 * x + 1.0)) * x).mean()
+    # The trainer clips to norm 1; the direction stays.
+    bias = (2.0 * (0.5 * x - (2.0 * x + 1.0))).mean()
+    scale = min(1.0, 1.0 / float(torch.hypot(expected, bias)))
+    assert torch.allclose(first["gradient"].flatten(), expected * scale, atol=1e-5)
+    assert (tmp_path / "line.resume").exists()
