@@ -9,8 +9,8 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
+from ..graphics.connectivity import components, manifold_pairs
 from ..graphics.meshes import face_normals
-from .connectivity import components, manifold_pairs
 
 BIN_LIMIT = 64
 """No face covers more than about this many bins a side in the search for overlaps: bounds its memory."""

@@ -11,9 +11,9 @@ import torch
 from torch import Tensor
 
 from ..errors import EmptyMeshError
+from ..graphics.connectivity import cut_nonmanifold, face_components, manifold_pairs
 from ..graphics.meshes import face_areas
 from ..structures import TriangleMesh
-from .connectivity import cut_nonmanifold, face_components, manifold_pairs
 
 logger = logging.getLogger(__name__)
 

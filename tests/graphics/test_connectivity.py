@@ -5,7 +5,7 @@ import torch
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from arm_blender.uv.connectivity import components, cut_nonmanifold, face_components, manifold_pairs
+from arm_blender.graphics.connectivity import components, cut_nonmanifold, face_components, manifold_pairs
 
 TETRAHEDRON = torch.tensor([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
 
