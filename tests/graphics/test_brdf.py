@@ -1,12 +1,14 @@
 """What a BRDF must obey, by quadrature in float64, for the standard formulas and for those that the paper prints."""
 
 import math
+from typing import get_args
 
 import pytest
 import torch
 from torch import Tensor
 
-from arm_blender.graphics.brdf import distribution, evaluate, fresnel, geometry
+from arm_blender.graphics.brdf import Form, distribution, evaluate, fresnel, geometry
+from arm_blender.graphics.specular_albedo import specular_albedo
 
 ROUGHNESS = (0.05, 0.2, 0.5, 0.8, 1.0)
 
@@ -18,7 +20,7 @@ def polar_quadrature(count: int) -> tuple[Tensor, Tensor]:
     return theta, theta.sin() * 3 * t**2 * math.pi / 2 / count
 
 
-def furnace(roughness: float, metallic: float, n_dot_v: float, printed: bool) -> float:
+def furnace(roughness: float, metallic: float, n_dot_v: float, form: Form) -> float:
     """Light that a white surface sends to the view out of uniform light of 1: the integral of BRDF times cosine.
 
     Taken over half-way vectors, where the lobe is smooth; dl = 4 (h.v) dh.
@@ -31,7 +33,7 @@ def furnace(roughness: float, metallic: float, n_dot_v: float, printed: bool) ->
     h_dot_v = (half * view).sum(dim=-1, keepdim=True)
     light = 2 * h_dot_v * half - view
     normal, one = torch.tensor([0.0, 0.0, 1.0]).double(), torch.ones(1).double()
-    value = evaluate(normal, light, view, torch.ones(3).double(), one * roughness, one * metallic, printed)
+    value = evaluate(normal, light, view, torch.ones(3).double(), one * roughness, one * metallic, form)
     solid_angle = weight[:, None, None] * (2 * math.pi / 128) * 4 * h_dot_v.clamp(min=0)
     return float((value * light[..., 2:].clamp(min=0) * solid_angle).sum(dim=(0, 1))[0])
 
@@ -57,30 +59,46 @@ def test_the_printed_density_does_not_integrate_to_one(roughness: float, publish
     assert float((density * theta.cos() * weight).sum() * 2 * math.pi) == pytest.approx(published, abs=5e-3)
 
 
+@pytest.mark.parametrize("form", ("standard", "cycles"))
 @pytest.mark.parametrize("metallic", (0.0, 1.0))
 @pytest.mark.parametrize("roughness", ROUGHNESS)
-def test_white_furnace_never_gains_energy(roughness: float, metallic: float) -> None:
+def test_white_furnace_never_gains_energy(roughness: float, metallic: float, form: Form) -> None:
     for n_dot_v in (0.05, 0.2, 0.5, 0.8, 1.0):
-        assert 0.0 < furnace(roughness, metallic, n_dot_v, printed=False) <= 1.0 + 1e-4
+        assert 0.0 < furnace(roughness, metallic, n_dot_v, form) <= 1.0 + (1e-4 if form == "standard" else 2e-3)
+
+
+@pytest.mark.parametrize("roughness", ROUGHNESS)
+def test_the_diffuse_layer_of_cycles_gets_all_that_the_lobe_leaves(roughness: float) -> None:
+    for n_dot_v in (0.1, 0.4, 0.75, 1.0):
+        assert furnace(roughness, 0.0, n_dot_v, "cycles") == pytest.approx(1.0, abs=2e-3)
+
+
+@pytest.mark.parametrize("roughness", ROUGHNESS)
+def test_the_table_of_the_lobes_albedo_is_its_integral(roughness: float) -> None:
+    for n_dot_v in (0.1, 0.37, 0.8, 1.0):
+        # White metal is the lobe alone, its Fresnel term 1.
+        cosine, rough = torch.tensor([n_dot_v]).double(), torch.tensor([roughness]).double()
+        found = float(specular_albedo(cosine, rough, torch.ones(1).double()))
+        assert found == pytest.approx(furnace(roughness, 1.0, n_dot_v, "cycles"), abs=1.5e-3)
 
 
 def test_white_furnace_of_the_printed_formulas_gains_energy() -> None:
-    assert furnace(0.5, 0.0, 0.8, printed=True) > 1.05
-    assert furnace(0.2, 1.0, 0.8, printed=True) > 1.8
+    assert furnace(0.5, 0.0, 0.8, "printed") > 1.05
+    assert furnace(0.2, 1.0, 0.8, "printed") > 1.8
 
 
 def test_smooth_metal_mirrors_everything_at_normal_incidence() -> None:
     # Schlick-GGX hides nothing at normal incidence, and F of white metal is 1: all that is left is that D integrates.
-    assert furnace(0.05, 1.0, 1.0, printed=False) == pytest.approx(1.0, abs=1e-3)
+    assert furnace(0.05, 1.0, 1.0, "standard") == pytest.approx(1.0, abs=1e-3)
 
 
-@pytest.mark.parametrize("printed", (False, True))
-def test_light_and_view_may_be_exchanged(printed: bool) -> None:
+@pytest.mark.parametrize("form", ("standard", "printed"))
+def test_light_and_view_may_be_exchanged(form: Form) -> None:
     light, view = random_directions(200, 1), random_directions(200, 2)
     normal, albedo = torch.tensor([0.0, 0.0, 1.0]).double(), torch.tensor([0.8, 0.4, 0.1]).double()
     rough, metal = torch.linspace(0, 1, 200).double()[:, None], torch.linspace(1, 0, 200).double()[:, None]
-    there = evaluate(normal, light, view, albedo, rough, metal, printed)
-    back = evaluate(normal, view, light, albedo, rough, metal, printed)
+    there = evaluate(normal, light, view, albedo, rough, metal, form)
+    back = evaluate(normal, view, light, albedo, rough, metal, form)
     torch.testing.assert_close(there, back, rtol=1e-9, atol=1e-12)
     assert (there > 0).all()
 
@@ -107,16 +125,24 @@ def test_nothing_is_reflected_below_the_surface() -> None:
     assert torch.equal(value, torch.zeros(2, 3))
 
 
-@pytest.mark.parametrize("printed", (False, True))
+@pytest.mark.parametrize("form", get_args(Form))
 @pytest.mark.parametrize("roughness", (0.0, 1e-4, 1.0))
-def test_gradients_are_finite_at_the_extremes(roughness: float, printed: bool) -> None:
+def test_gradients_are_finite_at_the_extremes(roughness: float, form: Form) -> None:
     normal = torch.tensor([0.0, 0.0, 1.0])
     grazing = torch.tensor([1.0, 0.0, 1e-9])
     up, away = torch.tensor([0.0, 0.0, 1.0]), torch.tensor([-1.0, 0.0, 0.0])
     for light, view in ((up, up), (grazing, grazing), (grazing, away), (up, grazing), (grazing, -grazing)):
         inputs = [light.clone(), view.clone(), torch.zeros(3), torch.tensor([roughness]), torch.zeros(1)]
         inputs = [tensor.requires_grad_() for tensor in inputs]
-        value = evaluate(normal, *inputs, printed)
+        value = evaluate(normal, *inputs, form)
         assert torch.isfinite(value).all()
         for gradient in torch.autograd.grad(value.sum(), inputs):
             assert torch.isfinite(gradient).all()
+
+
+@pytest.mark.parametrize("dtype", (torch.float16, torch.bfloat16))
+def test_half_precision_is_computed_in_single(dtype: torch.dtype) -> None:
+    up, rough = torch.tensor([0.0, 0.0, 1.0]), torch.tensor([0.05])
+    value = evaluate(*(x.to(dtype) for x in (up, up, up, torch.ones(3), rough, torch.ones(1))))
+    exact = evaluate(up, up, up, torch.ones(3), rough.to(dtype).float(), torch.ones(1))
+    assert value.dtype == torch.float32 and torch.equal(value, exact)
