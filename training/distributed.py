@@ -1,4 +1,4 @@
-"""Several processes fit one network, each on its own samples: `torchrun --nproc_per_node N -m training fit ...`.
+"""Several processes fit one network, each on its own samples: `torchrun --nproc_per_node N -m -- training fit ...`.
 
 Data parallel by averaging gradients after each step: the networks are small, and parameters that a step leaves unused
 need no special care. Without `torchrun` everything here stands aside.

@@ -26,6 +26,11 @@ class FeatureVolumeConfig:
     training step grows with its cube: 0.2 s on a core at 24, 0.7 s at 32."""
     channels: int = 16
     """Of the finest level; they double with each of the two coarser ones."""
+    hidden: float | None = None
+    """World units behind the surface that a view predicts, at which the view sees a cell with even odds. None: all
+    views count alike, also those that cannot see the cell; the shipped weights were made so."""
+    votes: bool = False
+    """The volume has a say in the raw values past the decoder, and a loss of its own in training."""
 
 
 class ResidualBlock(nn.Module):
@@ -64,18 +69,16 @@ class FeatureVolume(nn.Module):
         return torch.stack([x, y, z], dim=-1).reshape(-1, 3)
 
     def cells(self, views: ViewFeatures) -> Tensor:
-        """(B, inputs, G, G, G): mean and variance of the image features over the views, and geometry."""
+        """(B, inputs, G, G, G): mean and spread of the image features over the views, and geometry."""
         points = self.centers(views.maps.device).expand(views.maps.shape[0], -1, -1)
         seen = views.outlines.project(points)
         found = seen.sample(torch.cat([views.maps, views.depth], dim=2))
         features, surface = found[..., :-1], found[..., -1]
         _, distance = views.outlines.read(seen)
-        weight = seen.framed.unsqueeze(-1)
-        total = weight.sum(dim=1).clamp(min=1.0)
-        mean = (weight * features).sum(dim=1) / total
-        variance = (weight * (features - mean.unsqueeze(1)) ** 2).sum(dim=1) / total
         # How far in front of the surfaces that the views predict: carved if far in front of any.
-        ahead = seen.framed * ((surface - (seen.depth - views.outlines.range.unsqueeze(-1))) / 0.15).tanh()
+        front = surface - (seen.depth - views.outlines.range.unsqueeze(-1))
+        ahead = seen.framed * (front / 0.15).tanh()
+        mean, spread, total = self.pooled(features, front, seen.framed)
         hull = distance.amin(dim=1)
         geometry = [
             (hull / 0.05).tanh(),
@@ -87,8 +90,30 @@ class FeatureVolume(nn.Module):
             (hull > 0).to(hull),
             total.squeeze(-1) / 6.0,
         ]
-        cells = torch.cat([mean, variance, torch.stack(geometry, dim=-1), points], dim=-1)
+        cells = torch.cat([mean, spread, torch.stack(geometry, dim=-1), points], dim=-1)
         return cells.transpose(1, 2).unflatten(-1, (self.config.grid,) * 3)
+
+    def pooled(self, features: Tensor, front: Tensor, framed: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Mean and spread of features over the views that may see each cell, and how many those are.
+
+        Args:
+            features: (B, V, P, C).
+            front: (B, V, P) world units by which a cell lies in front of the surface that the view predicts.
+            framed: (B, V, P) 1 where the view frames the cell, else 0.
+        Returns:
+            (B, P, C), (B, P, C), (B, P, 1). The spread is the variance where all views count alike.
+        """
+        hidden = self.config.hidden
+        if hidden is None:
+            weight = framed.unsqueeze(-1)
+            total = weight.sum(dim=1).clamp(min=1.0)
+        else:
+            # Where the surface is, the views that see it agree; what the others show there is something else.
+            weight = (framed * ((front + hidden) / (0.5 * hidden)).sigmoid()).unsqueeze(-1) + 1e-4
+            total = weight.sum(dim=1)
+        mean = (weight * features).sum(dim=1) / total
+        variance = (weight * (features - mean.unsqueeze(1)) ** 2).sum(dim=1) / total
+        return mean, variance if hidden is None else (variance + 1e-6).sqrt(), total
 
     def forward(self, views: ViewFeatures) -> Tensor:
         """The refined volume (B, channels, G, G, G), indexed z, y, x."""

@@ -36,10 +36,11 @@ class GeoRM(nn.Module):
         grid edges is accurate; the density itself, softplus of it, bends there.
         """
         raw, hull = self.model.decode(encoded, points)
-        if hull is None:
-            return raw.squeeze(-1)
-        # Outside of the hull there is nothing; inside, learning decides, so the hull's vote there is weak.
-        return raw.squeeze(-1) + self.config.pixel_aligned.hull_gain * hull.clamp(-HULL_REACH, HULL_DEPTH)
+        return raw.squeeze(-1) if hull is None else raw.squeeze(-1) + self.hull_vote(hull)
+
+    def hull_vote(self, hull: Tensor) -> Tensor:
+        """Occupancy logits for a hull distance: outside there is nothing; inside, learning decides, so it is weak."""
+        return self.config.pixel_aligned.hull_gain * hull.clamp(-HULL_REACH, HULL_DEPTH)
 
     def density(self, encoded: EncodedViews, points: Tensor) -> Tensor:
         """(B, P) volume density >= 0 at world points (B, P, 3); `ISO_DENSITY` on the surface."""

@@ -25,7 +25,7 @@ class GlossyRM(nn.Module):
         return self.model.decode(encoded, points)[0].sigmoid()
 
     def load_geometry(self, weights: dict[str, Tensor]) -> None:
-        """Start from GeoRM's weights: all but the decoder's last layer, whose outputs mean something else."""
-        last = f"model.decoder.{len(self.model.decoder) - 1}."
+        """Start from GeoRM's weights: all but the last layers, whose outputs mean something else."""
+        last = (f"model.decoder.{len(self.model.decoder) - 1}.", "model.coarse.")
         own = self.state_dict()
         self.load_state_dict({key: own[key] if key.startswith(last) else value for key, value in weights.items()})

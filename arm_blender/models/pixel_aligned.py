@@ -25,6 +25,9 @@ class PixelAlignedConfig:
     """Of the convolutional features at half of the image's resolution."""
     hidden: int = 48
     """Of the network that reads a point in one view, and of each pooled feature."""
+    normed: bool = False
+    """Features have mean 0 and variance 1 at each pixel. Without, they grow until they drown the geometry that stands
+    beside them in whatever reads both; the shipped weights were made so."""
     hull_gain: float = 50.0
     """Occupancy logits for each world unit outside of the visual hull, or (a little way) inside: where learning starts.
     About 1 / temperature of the occupancy warm-up; 0 leaves the hull to be learnt from the features."""
@@ -62,8 +65,9 @@ class FeaturePyramid(nn.Module):
 
     INPUTS = 6
 
-    def __init__(self, channels: int, token_width: int) -> None:
+    def __init__(self, channels: int, token_width: int, normed: bool) -> None:
         super().__init__()
+        self.normed = normed
         self.to_half = nn.Sequential(nn.Conv2d(self.INPUTS, channels, 3, stride=2, padding=1), ResidualConv(channels))
         self.to_quarter = nn.Sequential(
             nn.Conv2d(channels + 2, 2 * channels, 3, stride=2, padding=1),
@@ -89,7 +93,10 @@ class FeaturePyramid(nn.Module):
         tokens = F.interpolate(self.from_tokens(tokens), size=quarter.shape[-2:], mode="bilinear", align_corners=False)
         merged = self.merge(quarter + tokens)
         features = half + F.interpolate(merged, size=half.shape[-2:], mode="bilinear", align_corners=False)
-        return features, hull[:, 1:] + self.to_depth(features)
+        depth = hull[:, 1:] + self.to_depth(features)
+        if self.normed:
+            features = F.layer_norm(features.movedim(1, -1), features.shape[1:2]).movedim(-1, 1)
+        return features, depth
 
 
 GEOMETRY = 14

@@ -3,7 +3,7 @@
 `config.pixel_aligned` is None in the paper's configuration; `small` adds it (see pixel_aligned.py).
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import torch
 from torch import Tensor, nn
@@ -44,8 +44,8 @@ SMALL = ReconstructionConfig(
     transformer=TransformerConfig(width=96, layers=3, heads=6, grid=16),
     upsampler=UpsamplerConfig(filters=48, blocks=1, growth=16, doublings=2, channels=16),
     decoder=DecoderConfig(hidden_layers=3, hidden=64),
-    pixel_aligned=PixelAlignedConfig(),
-    volume=FeatureVolumeConfig(),
+    pixel_aligned=PixelAlignedConfig(normed=True),
+    volume=FeatureVolumeConfig(hidden=0.2, votes=True),
 )
 """The same modules, sized for two CPU cores, with pixel-aligned features."""
 
@@ -117,6 +117,11 @@ class EncodedViews:
     views: ViewFeatures | None
     volume: Tensor | None
 
+    def float(self) -> "EncodedViews":
+        """The same in float32: what an encoding under autocast is decoded from."""
+        views = self.views and replace(self.views, maps=self.views.maps.float(), depth=self.views.depth.float())
+        return EncodedViews(self.planes.float(), views, None if self.volume is None else self.volume.float())
+
 
 class ReconstructionModel(nn.Module):
     """Views to triplane; points of the triplane to `outputs` raw numbers."""
@@ -129,25 +134,32 @@ class ReconstructionModel(nn.Module):
         self.upsampler = Upsampler(config.upsampler, config.transformer.width)
         inputs = 3 * config.upsampler.channels
         if config.pixel_aligned:
-            self.pyramid = FeaturePyramid(config.pixel_aligned.channels, config.encoder.width)
+            self.pyramid = FeaturePyramid(
+                config.pixel_aligned.channels, config.encoder.width, config.pixel_aligned.normed
+            )
             self.reader = PointReader(config.pixel_aligned)
             self.volume = FeatureVolume(config.volume, config.pixel_aligned.channels)
             self.start = nn.Linear(2 * config.volume.channels, config.transformer.width)
             inputs += self.reader.outputs + config.volume.channels
+            self.coarse = nn.Linear(config.volume.channels, outputs) if config.volume.votes else None
         self.decoder = decoder(config.decoder, inputs, outputs)
 
     def encode(self, views: NetworkViews) -> EncodedViews:
         """Everything that points are decoded from, for B objects at once."""
-        batch, count = views.images.shape[:2]
-        images = views.images.flatten(0, 1)  # (B * V, 4, S, S)
-        cameras = camera_embedding(views.c2w, views.K, views.silhouette.shape[-1]).flatten(0, 1)
-        tokens = self.encoder(images[:, :3], cameras)  # (B * V, L, D)
-        features = self.view_features(views, images, tokens) if self.config.pixel_aligned else None
+        batch = len(views.images)
+        tokens, features = self.look(views)
         volume = self.volume(features) if features else None
         start = self.starting_tokens(volume) if features else None
         coarse = self.transformer(tokens.reshape(batch, -1, tokens.shape[-1]), start)  # (B, 3, D, R, R)
         planes = self.upsampler(coarse.flatten(0, 1)).unflatten(0, (batch, 3))
         return EncodedViews(planes, features, volume)
+
+    def look(self, views: NetworkViews) -> tuple[Tensor, ViewFeatures | None]:
+        """What is found in each view by itself: (B * V, L, D) tokens, and the pixel-aligned features if there are."""
+        images = views.images.flatten(0, 1)  # (B * V, 4, S, S)
+        cameras = camera_embedding(views.c2w, views.K, views.silhouette.shape[-1]).flatten(0, 1)
+        tokens = self.encoder(images[:, :3], cameras)
+        return tokens, self.view_features(views, images, tokens) if self.config.pixel_aligned else None
 
     def view_features(self, views: NetworkViews, images: Tensor, tokens: Tensor) -> ViewFeatures:
         """What points look up in the views.
@@ -192,4 +204,10 @@ class ReconstructionModel(nn.Module):
         if encoded.views is None:
             return self.decoder(features), None
         read, hull = self.reader(encoded.views, points)
-        return self.decoder(torch.cat([features, read, sample_volume(encoded.volume, points)], dim=-1)), hull
+        cell = sample_volume(encoded.volume, points)
+        raw = self.decoder(torch.cat([features, read, cell], dim=-1))
+        return raw if self.coarse is None else raw + self.coarse(cell), hull
+
+    def decode_coarse(self, encoded: EncodedViews, points: Tensor) -> Tensor:
+        """The volume's own vote on the raw values, (B, P, outputs) at world points (B, P, 3): smooth, and cheap."""
+        return self.coarse(sample_volume(encoded.volume, points))

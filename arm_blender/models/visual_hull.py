@@ -66,7 +66,9 @@ class Outlines:
     def project(self, points: Tensor) -> Projection:
         """Where world points (B, P, 3) lie in every view."""
         size = self.silhouette.shape[-1]
-        local = (points.unsqueeze(1) - self.c2w[..., None, :3, 3]) @ self.c2w[..., :3, :3]
+        # Half precision would round coordinates to several pixels.
+        with torch.autocast(points.device.type, enabled=False):
+            local = (points.unsqueeze(1) - self.c2w[..., None, :3, 3]) @ self.c2w[..., :3, :3]
         depth = -local[..., 2]
         near = depth.clamp(min=NEAREST)
         focal = self.K[..., 0, 0].unsqueeze(-1)
@@ -108,7 +110,7 @@ class Outlines:
             x = (centers[column] - K[:, 0, 2]) / K[:, 0, 0]
             y = (K[:, 1, 2] - centers[row]) / K[:, 1, 1]
             rays = torch.stack([x, y, -torch.ones_like(x)], dim=-1)  # One unit of depth long.
-            rays = (c2w[:, :3, :3] @ rays.unsqueeze(-1)).squeeze(-1)
+            rays = (c2w[:, :3, :3] * rays.unsqueeze(1)).sum(dim=-1)
             depth = (reach[:, None] + offsets).clamp(min=NEAREST)  # (R, steps)
             points = c2w[:, None, :3, 3] + rays[:, None] * depth[..., None]
             only = Outlines(self.silhouette[item : item + 1], self.c2w[item : item + 1], self.K[item : item + 1])

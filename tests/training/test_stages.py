@@ -10,10 +10,11 @@ from arm_blender import checkpoints
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.models.georm import GeoRM
 from arm_blender.models.glossyrm import GlossyRM
-from arm_blender.models.reconstruction import ReconstructionConfig
+from arm_blender.models.reconstruction import SMALL, ReconstructionConfig
 from training import __main__ as command
 from training.datasets import point_samples
 from training.stages.georm_occupancy import TEMPERATURE, intersection_over_union, occupancy_loss
+from training.stages.view_side import VIEW_SIDE, EveryStep, Once
 
 
 def test_the_occupancy_loss_is_least_where_the_logit_is_the_distance():
@@ -79,6 +80,47 @@ def test_a_fit_leaves_weights_that_the_next_stage_and_the_program_load(shards, t
     for path, network in ((georm, GeoRM), (glossyrm, GlossyRM)):
         config, state = checkpoints.load(path, ReconstructionConfig)
         checkpoints.restore(network(config), state, path)
+
+
+@pytest.mark.parametrize("stage", ["georm", "glossyrm"])
+def test_looking_once_leaves_the_side_of_the_views_as_it_is(shards, tmp_path, stage):
+    words = ["--shards", str(shards), "--batch", "2", "--points", "64", "--output"]
+    first, second = tmp_path / "first.safetensors", tmp_path / "second.safetensors"
+    assert command.main(["fit", stage, *words, str(first), "--minutes", "0.01"]) == 0
+    assert (
+        command.main(["fit", stage, *words, str(second), "--start", str(first), "--minutes", "0.02", "--look-once"])
+        == 0
+    )
+    before, after = (checkpoints.load(path, ReconstructionConfig)[1] for path in (first, second))
+    changed = {key.split(".")[1] for key, value in before.items() if not torch.equal(value, after[key])}
+    assert {"volume", "reader", "decoder"} <= changed and not changed & set(VIEW_SIDE)
+
+
+def test_features_found_once_are_those_found_at_every_step(shards):
+    torch.manual_seed(0)
+    network, path = GeoRM(SMALL).eval(), next(shards.glob("ball/rig_0.npz"))
+    once, always = Once(network, point_samples.load_occupancy), EveryStep(point_samples.load_occupancy)
+    points = torch.rand(1, 50, 3, generator=torch.Generator().manual_seed(0)) - 0.5
+    found = [network.occupancy_logit(side.encode(network, side.load(path).views), points) for side in (once, always)]
+    # Half precision in memory.
+    torch.testing.assert_close(found[0], found[1], atol=2e-2, rtol=1e-2)
+
+
+def test_what_is_frozen_stays_and_the_rest_learns(shards, tmp_path):
+    words = ["--shards", str(shards), "--batch", "1", "--points", "64", "--bfloat16", "--output"]
+    first, second = tmp_path / "first.safetensors", tmp_path / "second.safetensors"
+    assert command.main(["fit", "georm", *words, str(first), "--minutes", "0.01"]) == 0
+    more = ["--start", str(first), "--minutes", "0.02", "--freeze", "encoder", "transformer"]
+    assert command.main(["fit", "georm", *words, str(second), *more]) == 0
+    before, after = (checkpoints.load(path, ReconstructionConfig)[1] for path in (first, second))
+    changed = {key.split(".")[1] for key, value in before.items() if not torch.equal(value, after[key])}
+    assert {"volume", "coarse", "decoder", "reader"} <= changed and not changed & {"encoder", "transformer"}
+
+
+def test_freezing_an_unknown_part_names_those_there_are(shards, tmp_path, capsys):
+    words = ["fit", "georm", "--shards", str(shards), "--output", str(tmp_path / "x.safetensors")]
+    assert command.main([*words, "--freeze", "hull"]) == 1
+    assert "--freeze hull: unknown; choose among encoder" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("words", [["prepare"], ["fit", "georm", "--output", "x.safetensors"]], ids=" ".join)

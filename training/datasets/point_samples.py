@@ -52,7 +52,7 @@ class PointSample:
     @property
     def usable(self) -> bool:
         """A sheet without volume has no inside to learn, and an object that no view frames cannot be seen."""
-        return int(self.solid.sum()) > 100 and bool((self.views.images[:, :, 3] > 127).any())
+        return int(self.solid.sum()) > 100 and bool((self.views.silhouette[:, :, 0] > 0.5).any())
 
 
 def load_occupancy(path: Path) -> PointSample:
@@ -66,7 +66,7 @@ def load_occupancy(path: Path) -> PointSample:
 
 def load_gloss(path: Path) -> PointSample:
     """Roughness and metallic at `GLOSS_POINTS` surface points, seen by any of the rig's views."""
-    views, arrays, zero123plus = _input_views(path)
+    views, arrays, zero123plus = _input_views(path, "roughness", "metallic")
     points, target = [], []
     for index, camera in enumerate(shards.cameras(arrays)):
         # Pixels at the outline mix the object with what is behind it.
@@ -82,10 +82,10 @@ def load_gloss(path: Path) -> PointSample:
     return PointSample(views, points[chosen].half(), target[chosen].half(), solid, _input_depth(arrays), zero123plus)
 
 
-def _input_views(path: Path) -> tuple[NetworkViews, dict[str, np.ndarray], bool]:
-    """The six input views of a rig, compact; its arrays; whether it is the Zero123++ rig."""
-    with np.load(path) as file:
-        arrays = dict(file)
+def _input_views(path: Path, *more: str) -> tuple[NetworkViews, dict[str, np.ndarray], bool]:
+    """The six input views of a rig, compact; its cameras, colour, depth and `more`; whether it is the Zero123++ rig."""
+    with np.load(path) as file:  # Reads what is asked for; decompressing all would take three times as long.
+        arrays = {name: file[name] for name in ("rgba", "depth", "c2w", "K", *more)}
     cameras = shards.cameras(arrays)[:6]
     images = torch.from_numpy(arrays["rgba"][:6]).permute(0, 3, 1, 2).float() / 255.0
     linear = torch.cat([linear_from_srgb(images[:, :3]), images[:, 3:]], dim=1)
@@ -140,13 +140,17 @@ class Batch:
     depth: Tensor
 
 
-def augmented(sample: PointSample, count: int, generator: torch.Generator) -> Batch:
-    """The object turned about Z, scaled, mirrored and exposed at random, and `count` of its points; B = 1."""
+def augmented(sample: PointSample, count: int, generator: torch.Generator, pictures: bool = True) -> Batch:
+    """The object turned about Z, scaled, mirrored and exposed at random, and `count` of its points; B = 1.
+
+    Args:
+        pictures: that the views' images are pictures; otherwise features, and last a depth in world units.
+    """
 
     def uniform(low: float, high: float) -> float:
         return low + (high - low) * float(torch.rand((), generator=generator))
 
-    views = expanded(sample.views)
+    views = expanded(sample.views) if pictures else sample.views
     c2w, K, images, silhouette, depth = views.c2w, views.K, views.images, views.silhouette, sample.depth.float()
     turn = uniform(0.0, 2.0 * math.pi)
     if sample.zero123plus and uniform(0.0, 1.0) < 0.6:
@@ -170,11 +174,13 @@ def augmented(sample: PointSample, count: int, generator: torch.Generator) -> Ba
         c2w, points = world @ c2w @ camera, points * torch.tensor([1.0, -1.0, 1.0])
         images, silhouette, depth, K = images.flip(-1), silhouette.flip(-1), depth.flip(-1), K.clone()
         K[..., 0, 2] = silhouette.shape[-1] - K[..., 0, 2]
-    exposure = uniform(0.7, 1.3)
-    color, alpha = images[:, :, :3], images[:, :, 3:]
-    color = torch.where(alpha > 0.02, (color * exposure).clamp(0.0, 1.0), color)
-    moved = NetworkViews(torch.cat([color, alpha], dim=2), silhouette, c2w, K)
-    return Batch(moved, points[None], target[None], depth * scale)
+    if pictures:
+        color, alpha = images[:, :, :3], images[:, :, 3:]
+        color = torch.where(alpha > 0.02, (color * uniform(0.7, 1.3)).clamp(0.0, 1.0), color)
+        images = torch.cat([color, alpha], dim=2)
+    else:
+        images = torch.cat([images[:, :, :-1], images[:, :, -1:] * scale], dim=2)
+    return Batch(NetworkViews(images, silhouette, c2w, K), points[None], target[None], depth * scale)
 
 
 def batched(samples: list[Batch], keep: Tensor) -> Batch:
@@ -212,6 +218,9 @@ def add_arguments(parser: argparse.ArgumentParser, minutes: float, points: int, 
     parser.add_argument("--batch", type=int, default=2, help="objects a step")
     parser.add_argument("--points", type=int, default=points, help="points an object")
     parser.add_argument("--learning-rate", type=float, default=learning_rate)
+    parser.add_argument("--bfloat16", action="store_true", help="encode in bfloat16: faster where the CPU knows it")
+    parser.add_argument("--look-once", action="store_true", help="find the views' features once, and learn the rest")
+    parser.add_argument("--freeze", nargs="*", default=[], help="parts of the model that stay as they are")
     parser.add_argument("--seed", type=int, default=0)
 
 
@@ -220,13 +229,18 @@ class SampleCache:
 
     Attributes:
         favoured: names of objects that every other draw takes.
+        pictures: as of `augmented`, of what `load` returns.
         held_out: samples of objects that are never drawn.
     """
 
     def __init__(
-        self, folder: Path, load: Callable[[Path], PointSample], favoured: frozenset[str] = frozenset()
+        self,
+        folder: Path,
+        load: Callable[[Path], PointSample],
+        favoured: frozenset[str] = frozenset(),
+        pictures: bool = True,
     ) -> None:
-        self.folder, self.load, self.favoured = folder, load, favoured
+        self.folder, self.load, self.favoured, self.pictures = folder, load, favoured, pictures
         self.loaded: dict[Path, PointSample] = {}
         self.checked = -math.inf
         self.refresh()
@@ -256,4 +270,5 @@ class SampleCache:
         """What a step sees: `count` samples, augmented, at `points` points each, all with the same views kept."""
         self.refresh()
         picks = [self.draw(generator) for _ in range(count)]
-        return batched([augmented(sample, points, generator) for sample in picks], drop_views(generator))
+        moved = [augmented(sample, points, generator, self.pictures) for sample in picks]
+        return batched(moved, drop_views(generator))

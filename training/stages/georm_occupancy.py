@@ -15,18 +15,19 @@ from torch.nn import functional as F
 
 from arm_blender import checkpoints
 from arm_blender.models.georm import GeoRM
-from arm_blender.models.reconstruction import SMALL
+from arm_blender.models.reconstruction import SMALL, EncodedViews
 
 from .. import distributed
 from ..datasets import point_samples, shards
 from ..datasets.point_samples import (
+    Batch,
     PointSample,
     SampleCache,
     depth_loss,
-    expanded,
     load_occupancy,
 )
 from ..trainer import Trainer, TrainerConfig
+from .view_side import EveryStep, Once, view_side
 
 logger = logging.getLogger(__name__)
 
@@ -35,6 +36,10 @@ TEMPERATURE = 0.02
 
 UNDECIDED = 3.0
 """Additional weight of points in the hull, away from the surface."""
+
+COARSE_WEIGHT = 0.5
+"""On the volume's own vote. Without it the points' own look-up explains what is easy, and the volume, whose first steps
+help no one, never learns what only neighbours tell."""
 
 DEPTH_WEIGHT = 0.5
 """The paper's lambda_z, on the depth that each view predicts."""
@@ -54,16 +59,28 @@ def occupancy_loss(logit: Tensor, distance: Tensor, hull: Tensor) -> Tensor:
     return (weight * error).sum() / weight.sum()
 
 
+def loss_terms(model: GeoRM, encoded: EncodedViews, batch: Batch) -> tuple[Tensor, Tensor]:
+    """The occupancy losses of the network and of its volume's own vote, at the points of a batch."""
+    distance = batch.target[..., 0]
+    with torch.no_grad():
+        hull = encoded.views.outlines.hull_distance(batch.points)
+    vote = model.model.decode_coarse(encoded, batch.points).squeeze(-1) + model.hull_vote(hull)
+    return (
+        occupancy_loss(model.occupancy_logit(encoded, batch.points), distance, hull),
+        occupancy_loss(vote, distance, hull),
+    )
+
+
 def intersection_over_union(predicted: Tensor, truth: Tensor) -> float:
     return float((predicted & truth).sum() / (predicted | truth).sum().clamp(min=1))
 
 
 @torch.no_grad()
-def validate(model: GeoRM, samples: list[PointSample]) -> dict[str, float]:
+def validate(model: GeoRM, samples: list[PointSample], side: EveryStep | Once) -> dict[str, float]:
     """IoU at the sampled points of objects that training never sees, beside the visual hull's."""
     ours, hull = [], []
     for sample in samples:
-        encoded, points = model.encode(expanded(sample.views)), sample.points[None].float()
+        encoded, points = side.encode(model, sample.views), sample.points[None].float()
         truth = sample.target[:, 0] > 0
         ours.append(intersection_over_union(model.occupancy_logit(encoded, points)[0] > 0, truth))
         hull.append(intersection_over_union(encoded.views.outlines.hull_distance(points)[0] > 0, truth))
@@ -80,24 +97,26 @@ def run(args: argparse.Namespace) -> int:
     model = GeoRM(SMALL)
     if args.start:
         checkpoints.restore(model, checkpoints.load(args.start, type(SMALL))[1], args.start)
-    samples = SampleCache(args.shards, load_occupancy, shards.real_objects(args.data))
+    side = view_side(model, load_occupancy, args.look_once, args.freeze)
+    samples = SampleCache(args.shards, side.load, shards.real_objects(args.data), side.pictures)
     trainer = Trainer(
         model, TrainerConfig(minutes=args.minutes, learning_rate=args.learning_rate), args.output.with_suffix(".resume")
     )
 
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
         batch = samples.batch(args.batch, args.points, distributed.generator(args.seed, index))
-        encoded = model.encode(batch.views)
-        with torch.no_grad():
-            hull = encoded.views.outlines.hull_distance(batch.points)
-        occupancy = occupancy_loss(model.occupancy_logit(encoded, batch.points), batch.target[..., 0], hull)
+        with torch.autocast(batch.points.device.type, torch.bfloat16, enabled=args.bfloat16):
+            encoded = side.encode(model, batch.views)
+        encoded = encoded.float()
+        occupancy, coarse = loss_terms(model, encoded, batch)
         depth = depth_loss(encoded.views.depth, batch.depth)
-        return occupancy + DEPTH_WEIGHT * depth, {
+        return occupancy + COARSE_WEIGHT * coarse + DEPTH_WEIGHT * depth, {
             "occupancy": float(occupancy.detach()),
+            "coarse": float(coarse.detach()),
             "depth": float(depth.detach()),
         }
 
-    averaged = trainer.run(step, lambda m: validate(m, samples.held_out))
+    averaged = trainer.run(step, lambda m: validate(m, samples.held_out, side))
     if distributed.rank() == 0:
         checkpoints.save(args.output, averaged.state_dict(), SMALL, name="small.georm")
     return 0

@@ -22,10 +22,10 @@ from ..datasets.point_samples import (
     PointSample,
     SampleCache,
     depth_loss,
-    expanded,
     load_gloss,
 )
 from ..trainer import Trainer, TrainerConfig
+from .view_side import EveryStep, Once, view_side
 
 logger = logging.getLogger(__name__)
 
@@ -33,12 +33,12 @@ DEPTH_WEIGHT = 0.1
 
 
 @torch.no_grad()
-def validate(model: GlossyRM, samples: list[PointSample], constant: Tensor) -> dict[str, float]:
+def validate(model: GlossyRM, samples: list[PointSample], constant: Tensor, side: EveryStep | Once) -> dict[str, float]:
     """Mean absolute errors on objects that training never sees, beside those of the training mean, a (2,) constant."""
     errors = []
     for sample in samples:
         truth = sample.target.float()
-        predicted = model(model.encode(expanded(sample.views)), sample.points[None].float())[0]
+        predicted = model(side.encode(model, sample.views), sample.points[None].float())[0]
         errors.append(torch.cat([(predicted - truth).abs().mean(0), (constant - truth).abs().mean(0)]))
     mean = torch.stack(errors).mean(0).tolist()
     return dict(zip(("roughness", "metallic", "constant roughness", "constant metallic"), mean, strict=True))
@@ -57,7 +57,8 @@ def run(args: argparse.Namespace) -> int:
         model.load_geometry(checkpoints.load(args.georm, ReconstructionConfig)[1])
     if args.start:
         checkpoints.restore(model, checkpoints.load(args.start, ReconstructionConfig)[1], args.start)
-    samples = SampleCache(args.shards, load_gloss, shards.real_objects(args.data))
+    side = view_side(model, load_gloss, args.look_once, args.freeze)
+    samples = SampleCache(args.shards, side.load, shards.real_objects(args.data), side.pictures)
     constant = torch.stack([s.target.float().mean(0) for s in samples.training]).mean(0)
     trainer = Trainer(
         model, TrainerConfig(minutes=args.minutes, learning_rate=args.learning_rate), args.output.with_suffix(".resume")
@@ -65,13 +66,15 @@ def run(args: argparse.Namespace) -> int:
 
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
         batch = samples.batch(args.batch, args.points, distributed.generator(args.seed, index))
-        encoded = model.encode(batch.views)
+        with torch.autocast(batch.points.device.type, torch.bfloat16, enabled=args.bfloat16):
+            encoded = side.encode(model, batch.views)
+        encoded = encoded.float()
         gloss = F.mse_loss(model(encoded, batch.points), batch.target)
         depth = depth_loss(encoded.views.depth, batch.depth)
         # The depth keeps what GeoRM has learnt of where the surface is.
         return gloss + DEPTH_WEIGHT * depth, {"gloss": float(gloss.detach()), "depth": float(depth.detach())}
 
-    averaged = trainer.run(step, lambda m: validate(m, samples.held_out, constant))
+    averaged = trainer.run(step, lambda m: validate(m, samples.held_out, constant, side))
     if distributed.rank() == 0:
         checkpoints.save(args.output, averaged.state_dict(), SMALL, name="small.glossyrm")
     return 0
