@@ -21,7 +21,7 @@ COMMANDS = {
     "sweep": ("training.evaluation.sweep", "error against run time over grids and face budgets"),
     "stability": ("training.evaluation.stability", "measure the pipeline's parts on extreme inputs"),
     "left-out": ("training.evaluation.left_out", "show which work the pipeline skips where a scene does not need it"),
-    "shading": ("training.evaluation.shading", "compare the direct light of our BRDF with Cycles'"),
+    "shading": ("training.evaluation.shading_blender", "compare the direct light of our BRDF with Cycles'"),
     "presets": ("training.evaluation.presets", "count the parameters of every preset"),
     "credits": ("training.evaluation.credits", "list the sources of the training objects"),
 }

@@ -10,7 +10,7 @@ pytestmark = pytest.mark.blender
 
 
 def test_the_form_cycles_renders_as_cycles(tmp_path, monkeypatch) -> None:
-    shading = pytest.importorskip("training.evaluation.shading")
+    shading = pytest.importorskip("training.evaluation.shading_blender")
     monkeypatch.setattr(shading, "SKY", (12, 24))
     radiance = torch.rand(3, 12, 24, generator=torch.Generator().manual_seed(0)) ** 4 * 3.0
     sky = tmp_path / "sky.exr"
@@ -28,7 +28,7 @@ def test_the_form_cycles_renders_as_cycles(tmp_path, monkeypatch) -> None:
 
 
 def test_surfaces_are_closed_and_point_outwards() -> None:
-    shading = pytest.importorskip("training.evaluation.shading")
+    shading = pytest.importorskip("training.evaluation.shading_blender")
     for subject in shading.subjects():
         corners = subject.mesh.vertices[subject.mesh.faces]
         volume = torch.linalg.cross(corners[:, 0], corners[:, 1]).mul(corners[:, 2]).sum() / 6.0
