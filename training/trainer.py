@@ -54,8 +54,10 @@ class Trainer:
     def __init__(self, model: nn.Module, config: TrainerConfig, resume: Path) -> None:
         distributed.join()
         self.model, self.config, self.resume = model, config, resume
+        # A frozen parameter that was given a gradient, if only of zeros, would still decay.
+        self.trained = [parameter for parameter in model.parameters() if parameter.requires_grad]
         self.optimizer = torch.optim.AdamW(
-            model.parameters(), lr=config.learning_rate, betas=(0.9, 0.98), weight_decay=config.weight_decay
+            self.trained, lr=config.learning_rate, betas=(0.9, 0.98), weight_decay=config.weight_decay
         )
         self.averaged = copy.deepcopy(model).requires_grad_(False).eval()
         self.step, self.spent = 0, 0.0
@@ -106,7 +108,7 @@ class Trainer:
             value, numbers = loss(self.step)
             self.optimizer.zero_grad(set_to_none=True)
             value.backward()
-            seconds = distributed.average_gradients(list(self.model.parameters()), time.monotonic() - started)
+            seconds = distributed.average_gradients(self.trained, time.monotonic() - started)
             norm = nn.utils.clip_grad_norm_(self.model.parameters(), self.config.clip)
             # One bad sample must not end a night's run, nor enter the weights.
             if bool(norm.isfinite()):

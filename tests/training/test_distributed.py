@@ -22,8 +22,9 @@ with torch.no_grad():
     model.bias.fill_(0.0)
 unused = torch.nn.Parameter(torch.zeros(3))
 model.register_parameter("unused", unused)
+model.register_parameter("frozen", torch.nn.Parameter(torch.ones(3), requires_grad=False))
 folder = Path(sys.argv[1])
-config = TrainerConfig(minutes=0.05, learning_rate=0.05, warmup_steps=1, weight_decay=0.0, log_every=1000)
+config = TrainerConfig(minutes=0.05, learning_rate=0.05, warmup_steps=1, weight_decay=0.5, log_every=1000)
 trainer = Trainer(model, config, folder / "line.resume")
 x = torch.linspace(-1, 1, 20)[distributed.rank()::2][:, None]
 gradients = []
@@ -65,6 +66,7 @@ def test_two_processes_share_every_step_and_one_of_them_writes(tmp_path):
     assert first["step"] == second["step"] > 1
     for key, value in first["model"].items():
         assert torch.equal(value, second["model"][key])
+    assert torch.equal(first["model"]["frozen"], torch.ones(3))
     # The gradient of the mean squared error over all twenty samples, at weight 1/2 and bias 0.
     x = torch.linspace(-1, 1, 20)
     expected = (2.0 * (0.5 * x - (2.0 * x + 1.0)) * x).mean()
