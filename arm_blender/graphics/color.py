@@ -2,6 +2,9 @@
 
 from torch import Tensor, uint8, where
 
+LUMINANCE = (0.2126, 0.7152, 0.0722)
+"""Shares of linear red, green and blue in the luminance of Rec.709."""
+
 
 def srgb_from_linear(linear: Tensor) -> Tensor:
     """sRGB in [0, 1] from linear Rec.709, any shape; values outside [0, 1] are clamped."""

@@ -29,7 +29,7 @@ def with_gradient(fragments: Fragments, vertices: Tensor, faces: Tensor, camera:
     corners = faces[fragments.face_id.flatten()[pixel]]  # (P, 3)
     local = vertices @ camera.w2c[:3, :3].T + camera.w2c[:3, 3]
     depth = -local[:, 2]
-    center = torch.stack([pixel % width, torch.div(pixel, width, rounding_mode="floor")], dim=1) + 0.5
+    center = _centers(pixel, width)
     # Corners relative to the pixel, times their depth: homogeneous, so that corners behind the pinhole need no care.
     x = (camera.K[0, 0] * local[:, 0] + camera.K[0, 2] * depth)[corners] - center[:, :1] * depth[corners]
     y = (camera.K[1, 2] * depth - camera.K[1, 1] * local[:, 1])[corners] - center[:, 1:] * depth[corners]
@@ -61,12 +61,11 @@ def antialias(image: Tensor, vertices: Tensor, faces: Tensor, fragments: Fragmen
     Returns:
         (C, H, W).
     """
-    height, width = fragments.face_id.shape
     near, far, step = _pairs(fragments)
     face = fragments.face_id.flatten()[near]
     screen = project(vertices, camera)[0]
     start, end, outline = _outlines(screen, faces, face)  # (P, 3, 2), (P, 3, 2), (P, 3)
-    center = torch.stack([near % width, torch.div(near, width, rounding_mode="floor")], dim=1)[:, None] + 0.5
+    center = _centers(near, fragments.face_id.shape[1])[:, None]
     along, across = step[:, None], step.flip(1).abs()[:, None]  # Unit steps to the far pixel, and aside.
     a, b = ((start - center) * across).sum(-1), ((end - center) * across).sum(-1)
     crosses = outline & ((a <= 0) != (b <= 0))
@@ -81,6 +80,11 @@ def antialias(image: Tensor, vertices: Tensor, faces: Tensor, fragments: Fragmen
     change = cover * (colors[:, near] - colors[:, far])
     target = torch.where(cover > 0, far, near)
     return colors.index_add(1, target, change).view_as(image)
+
+
+def _centers(pixel: Tensor, width: int) -> Tensor:
+    """(P, 2) centres of flat pixels (P,) in an image of `width`."""
+    return torch.stack([pixel % width, torch.div(pixel, width, rounding_mode="floor")], dim=1) + 0.5
 
 
 def _pairs(fragments: Fragments) -> tuple[Tensor, Tensor, Tensor]:

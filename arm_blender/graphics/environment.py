@@ -12,8 +12,8 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from .brdf import Form, evaluate
+from .color import LUMINANCE
 
-LUMINANCE = (0.2126, 0.7152, 0.0722)  # Rec. 709.
 PAIRS_AT_ONCE = 1 << 20  # Of point and light: about 200 MB of work space.
 
 

@@ -14,6 +14,7 @@ from mathutils import Matrix, Vector
 
 from arm_blender.blender.compat import shader_tree
 from arm_blender.errors import ArmError
+from arm_blender.graphics.color import LUMINANCE
 
 logger = logging.getLogger(__name__)
 
@@ -177,7 +178,7 @@ def mean_radiance(hdri: Path) -> float:
     pixels = np.empty(width * height * 4, np.float32)
     image.pixels.foreach_get(pixels)
     bpy.data.images.remove(image)
-    luminance = pixels.reshape(height, width, 4)[..., :3] @ np.array([0.2126, 0.7152, 0.0722], np.float32)
+    luminance = pixels.reshape(height, width, 4)[..., :3] @ np.array(LUMINANCE, np.float32)
     weight = np.sin((np.arange(height) + 0.5) / height * math.pi)
     return float((luminance.mean(1) * weight).sum() / weight.sum())
 
