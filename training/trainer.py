@@ -4,6 +4,7 @@ A run may be stopped at any moment and goes on from its last resume file; what i
 `torchrun` each process draws its own samples and all take the same step (see distributed.py).
 """
 
+import argparse
 import copy
 import logging
 import math
@@ -40,6 +41,19 @@ class TrainerConfig:
     log_every: int = 50
     """Steps between log lines."""
     save_every_minutes: float = 4.0
+
+
+def add_arguments(parser: argparse.ArgumentParser, minutes: float, points: int, learning_rate: float) -> None:
+    """The options of a stage that learns from points, with that stage's defaults."""
+    parser.add_argument("--shards", type=Path, required=True)
+    parser.add_argument("--output", type=Path, required=True, help="safetensors file of the weights")
+    parser.add_argument("--start", type=Path, help="the stage's own weights to go on from")
+    parser.add_argument("--minutes", type=float, default=minutes)
+    parser.add_argument("--batch", type=int, default=2, help="objects a step")
+    parser.add_argument("--points", type=int, default=points, help="points an object")
+    parser.add_argument("--learning-rate", type=float, default=learning_rate)
+    parser.add_argument("--bfloat16", action="store_true", help="encode in bfloat16: faster where the CPU knows it")
+    parser.add_argument("--seed", type=int, default=0)
 
 
 class Trainer:

@@ -38,6 +38,11 @@ class GeoRM(nn.Module):
         raw, hull = self.model.decode(encoded, points)
         return raw.squeeze(-1) if hull is None else raw.squeeze(-1) + self.hull_vote(hull)
 
+    def coarse_logit(self, encoded: EncodedViews, points: Tensor) -> Tensor:
+        """As `occupancy_logit`, by the feature volume alone: smooth, and cheap."""
+        hull = encoded.views.outlines.hull_distance(points)
+        return self.model.decode_coarse(encoded, points).squeeze(-1) + self.hull_vote(hull)
+
     def hull_vote(self, hull: Tensor) -> Tensor:
         """Occupancy logits for a hull distance: outside there is nothing; inside, learning decides, so it is weak."""
         return self.config.pixel_aligned.hull_gain * hull.clamp(-HULL_REACH, HULL_DEPTH)

@@ -45,7 +45,7 @@ SMALL = ReconstructionConfig(
     upsampler=UpsamplerConfig(filters=48, blocks=1, growth=16, doublings=2, channels=16),
     decoder=DecoderConfig(hidden_layers=3, hidden=64),
     pixel_aligned=PixelAlignedConfig(normed=True),
-    volume=FeatureVolumeConfig(hidden=0.2, votes=True),
+    volume=FeatureVolumeConfig(channels=24, hidden=0.2, votes=True),
 )
 """The same modules, sized for two CPU cores, with pixel-aligned features."""
 
@@ -209,5 +209,5 @@ class ReconstructionModel(nn.Module):
         return raw if self.coarse is None else raw + self.coarse(cell), hull
 
     def decode_coarse(self, encoded: EncodedViews, points: Tensor) -> Tensor:
-        """The volume's own vote on the raw values, (B, P, outputs) at world points (B, P, 3): smooth, and cheap."""
+        """The volume's own vote on the raw values, (B, P, outputs) at world points (B, P, 3)."""
         return self.coarse(sample_volume(encoded.volume, points))

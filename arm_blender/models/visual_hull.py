@@ -60,8 +60,8 @@ class Outlines:
 
     @property
     def range(self) -> Tensor:
-        """(B, V) distance of each camera from the origin."""
-        return self.c2w[..., :3, 3].norm(dim=-1)
+        """(B, V) depth of the origin along each camera's view axis; its distance where the camera looks at it."""
+        return (self.c2w[..., :3, 2] * self.c2w[..., :3, 3]).sum(dim=-1)
 
     def project(self, points: Tensor) -> Projection:
         """Where world points (B, P, 3) lie in every view."""

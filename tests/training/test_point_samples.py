@@ -1,6 +1,7 @@
 """Augmentation moves views, points, truth and depth together, or it teaches nonsense."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -68,6 +69,33 @@ def test_augmented_depth_is_the_distance_to_the_moved_ball(sample, seed):
     nearest = batch.depth.flatten(2).amin(dim=2) / scale
     plain = sample.depth.float().flatten(2).amin(dim=2)
     assert torch.allclose(nearest, plain, atol=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_is_solid_stays_behind_the_surface_of_features_whose_space_is_stretched(sample, seed):
+    surface = torch.where(sample.depth.isfinite(), sample.depth, 9.0).unsqueeze(2)
+    features = replace(sample, views=replace(sample.views, images=surface, silhouette=sample.views.silhouette.float()))
+    batch = augmented(features, 3000, torch.Generator().manual_seed(seed), pictures=False)
+    outlines = Outlines(batch.views.silhouette, batch.views.c2w, batch.views.K)
+    seen = outlines.project(batch.points)
+    behind = seen.depth - outlines.range.unsqueeze(-1) - seen.sample(batch.views.images.float())[..., 0]
+    solid = batch.target[0, :, 0] > 0.03
+    # At the outline a pixel mixes the ball with what is behind it.
+    assert int(solid.sum()) > 30 and float((behind[0][:, solid] > 0.0).float().mean()) > 0.97
+    # And what a view sees past it is not solid.
+    passed = ((behind[0] < -0.03) & (seen.framed[0] > 0)).any(dim=0)
+    assert float((batch.target[0, passed, 0] < 0.02).float().mean()) > 0.98 and int(passed.sum()) > 500
+
+
+def test_features_are_shown_in_stretched_space(sample):
+    surface = torch.zeros(1, 6, 1, 8, 8)
+    features = replace(sample, views=replace(sample.views, images=surface))
+    skew = []
+    for seed in range(12):
+        linear = augmented(features, 8, torch.Generator().manual_seed(seed), pictures=False).views.c2w[0, 0, :3, :3]
+        skew.append(float((linear.T @ linear - torch.eye(3)).abs().max()))
+    stretched = [value > 1e-3 for value in skew]
+    assert any(stretched) and not all(stretched)
 
 
 def test_dropping_views_keeps_the_depth_of_those_kept(sample):

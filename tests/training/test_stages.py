@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 import torch
+import trimesh
 
 from arm_blender import checkpoints
 from arm_blender.graphics.cameras import orbit_camera
@@ -55,9 +56,11 @@ def shards(tmp_path, monkeypatch):
     rgba[..., :3], rgba[..., 3] = 150, mask * 255
     depth = np.where(mask, 3.5, np.inf).astype(np.float16)
     points = np.random.default_rng(0).uniform(-1, 1, (3000, 3)).astype(np.float16)
+    ball = trimesh.creation.icosphere(subdivisions=2)
     for name in names:
         folder = tmp_path / "shards" / name
         folder.mkdir(parents=True)
+        np.savez(folder / "mesh.npz", vertices=radius * ball.vertices.astype(np.float32), faces=ball.faces)
         np.savez(folder / "occupancy.npz", points=points, distance=radius - np.linalg.norm(points, axis=1))
         finish = np.broadcast_to((mask * 100).astype(np.uint8), (10, size, size))
         np.savez(
@@ -115,6 +118,23 @@ def test_what_is_frozen_stays_and_the_rest_learns(shards, tmp_path):
     before, after = (checkpoints.load(path, ReconstructionConfig)[1] for path in (first, second))
     changed = {key.split(".")[1] for key, value in before.items() if not torch.equal(value, after[key])}
     assert {"volume", "coarse", "decoder", "reader"} <= changed and not changed & {"encoder", "transformer"}
+
+
+def test_outlines_teach_the_volume_and_its_vote_alone(shards, tmp_path):
+    words = ["--shards", str(shards), "--batch", "2", "--points", "256", "--output"]
+    first, second = tmp_path / "first.safetensors", tmp_path / "second.safetensors"
+    assert command.main(["fit", "georm", *words, str(first), "--minutes", "0.01"]) == 0
+    assert command.main(["fit", "georm-volume", *words, str(second), "--start", str(first), "--minutes", "0.03"]) == 0
+    before, after = (checkpoints.load(path, ReconstructionConfig)[1] for path in (first, second))
+    changed = {key.split(".")[1] for key, value in before.items() if not torch.equal(value, after[key])}
+    assert changed == {"volume", "coarse"}
+
+
+def test_outlines_keep_the_volume_learning_beside_the_pictures(shards, tmp_path, caplog):
+    words = ["--shards", str(shards), "--batch", "1", "--points", "64", "--minutes", "0.02", "--outlines", "1"]
+    with caplog.at_level("INFO"):
+        assert command.main(["fit", "georm", *words, "--output", str(tmp_path / "x.safetensors")]) == 0
+    assert "1 solids" in caplog.text
 
 
 def test_freezing_an_unknown_part_names_those_there_are(shards, tmp_path, capsys):

@@ -19,11 +19,15 @@ from arm_blender.graphics.color import linear_from_srgb
 from arm_blender.models.reconstruction import SMALL, NetworkViews, network_views
 from arm_blender.structures import ViewSet
 
+from .. import trainer
 from . import shards
 
 logger = logging.getLogger(__name__)
 
 GLOSS_POINTS = 20_000
+
+STRETCH = 0.25
+"""Largest logarithm of the factor by which features' space is stretched along an axis."""
 
 HELD_OUT_EVERY = 32
 """One object in so many validates."""
@@ -144,7 +148,8 @@ def augmented(sample: PointSample, count: int, generator: torch.Generator, pictu
     """The object turned about Z, scaled, mirrored and exposed at random, and `count` of its points; B = 1.
 
     Args:
-        pictures: that the views' images are pictures; otherwise features, and last a depth in world units.
+        pictures: that the views' images are pictures; otherwise features, and last a depth in world units. Features
+            stay what they are where space is stretched: then every other object is, and its cameras are affine.
     """
 
     def uniform(low: float, high: float) -> float:
@@ -157,14 +162,18 @@ def augmented(sample: PointSample, count: int, generator: torch.Generator, pictu
         # Users' rigs stand at 30, 90, ... degrees; this sample's rig is turned by what brings it there.
         eye = c2w[0, 0, :3, 3]
         turn = math.radians(30.0) - math.atan2(float(eye[0]), -float(eye[1]))
-    motion = torch.eye(4)
-    motion[:3, :3] = rotation_z(turn)
-    turned = sample.points[sample.solid].float() @ motion[:3, :3].T
+    linear = rotation_z(turn)
+    if not pictures and uniform(0.0, 1.0) < 0.5:
+        stretch = torch.tensor([uniform(-STRETCH, STRETCH) for _ in range(3)])
+        linear = linear * (stretch - stretch.mean()).exp()  # Of determinant 1: distances stay about what they are.
+    turned = sample.points[sample.solid].float() @ linear.T
     scale = min(1.0, 0.99 / float(turned.abs().amax())) * uniform(0.75, 1.0)
-    c2w = motion @ c2w
-    c2w[..., :3, 3] *= scale
+    c2w = c2w.clone()
+    # So that a point's place in the camera, c2w[:3, :3].T @ (point - eye), is what it was; a rotation is its own.
+    c2w[..., :3, :3] = torch.linalg.inv(linear).T @ c2w[..., :3, :3]
+    c2w[..., :3, 3] = c2w[..., :3, 3] @ linear.T * scale
     chosen = torch.randint(len(sample.points), (count,), generator=generator)
-    points = sample.points[chosen].float() @ motion[:3, :3].T * scale
+    points = sample.points[chosen].float() @ linear.T * scale
     target = sample.target[chosen].float()
     if target.shape[1] == 1:
         target = target * scale  # A distance.
@@ -208,20 +217,18 @@ def is_held_out(path: Path) -> bool:
     return zlib.crc32(path.parent.name.encode()) % HELD_OUT_EVERY == 0
 
 
+def load_held_out(folder: Path) -> list[PointSample]:
+    """The samples of a folder of shards that only validate GeoRM."""
+    paths = [path for path in shards.rigs(folder) if is_held_out(path) and path.with_name("occupancy.npz").exists()]
+    return [sample for sample in map(load_occupancy, paths) if sample.usable]
+
+
 def add_arguments(parser: argparse.ArgumentParser, minutes: float, points: int, learning_rate: float) -> None:
-    """The options of a stage that learns from points, with that stage's defaults."""
-    parser.add_argument("--shards", type=Path, required=True)
+    """The options of a stage that learns from pictures at points, with that stage's defaults."""
+    trainer.add_arguments(parser, minutes, points, learning_rate)
     parser.add_argument("--data", type=Path, help="folder with manifest.json; every other sample is a real object's")
-    parser.add_argument("--output", type=Path, required=True, help="safetensors file of the weights")
-    parser.add_argument("--start", type=Path, help="the stage's own weights to go on from")
-    parser.add_argument("--minutes", type=float, default=minutes)
-    parser.add_argument("--batch", type=int, default=2, help="objects a step")
-    parser.add_argument("--points", type=int, default=points, help="points an object")
-    parser.add_argument("--learning-rate", type=float, default=learning_rate)
-    parser.add_argument("--bfloat16", action="store_true", help="encode in bfloat16: faster where the CPU knows it")
     parser.add_argument("--look-once", action="store_true", help="find the views' features once, and learn the rest")
     parser.add_argument("--freeze", nargs="*", default=[], help="parts of the model that stay as they are")
-    parser.add_argument("--seed", type=int, default=0)
 
 
 class SampleCache:

@@ -7,6 +7,7 @@ times cheaper a step than volume rendering, and it leaves a density whose iso-su
 
 import argparse
 import logging
+from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -15,10 +16,12 @@ from torch.nn import functional as F
 
 from arm_blender import checkpoints
 from arm_blender.models.georm import GeoRM
-from arm_blender.models.reconstruction import SMALL, EncodedViews
+from arm_blender.models.reconstruction import SMALL, EncodedViews, NetworkViews
+from arm_blender.models.visual_hull import Outlines
 
 from .. import distributed
-from ..datasets import point_samples, shards
+from ..datasets import outline_samples, point_samples, shards
+from ..datasets.outline_samples import OutlineBatch
 from ..datasets.point_samples import (
     Batch,
     PointSample,
@@ -27,7 +30,7 @@ from ..datasets.point_samples import (
     load_occupancy,
 )
 from ..trainer import Trainer, TrainerConfig
-from .view_side import EveryStep, Once, view_side
+from .view_side import encode_outlines, view_side
 
 logger = logging.getLogger(__name__)
 
@@ -64,11 +67,19 @@ def loss_terms(model: GeoRM, encoded: EncodedViews, batch: Batch) -> tuple[Tenso
     distance = batch.target[..., 0]
     with torch.no_grad():
         hull = encoded.views.outlines.hull_distance(batch.points)
-    vote = model.model.decode_coarse(encoded, batch.points).squeeze(-1) + model.hull_vote(hull)
     return (
         occupancy_loss(model.occupancy_logit(encoded, batch.points), distance, hull),
-        occupancy_loss(vote, distance, hull),
+        occupancy_loss(model.coarse_logit(encoded, batch.points), distance, hull),
     )
+
+
+def outline_loss(model: GeoRM, batch: OutlineBatch, bfloat16: bool) -> Tensor:
+    """The occupancy loss of the volume's vote where it sees outlines alone: the shapes it has learnt are not lost."""
+    with torch.no_grad():
+        hull = batch.outlines.hull_distance(batch.points)
+    with torch.autocast(batch.points.device.type, torch.bfloat16, enabled=bfloat16):
+        encoded = encode_outlines(model, batch.outlines)
+    return occupancy_loss(model.coarse_logit(encoded.float(), batch.points), batch.distance, hull)
 
 
 def intersection_over_union(predicted: Tensor, truth: Tensor) -> float:
@@ -76,19 +87,26 @@ def intersection_over_union(predicted: Tensor, truth: Tensor) -> float:
 
 
 @torch.no_grad()
-def validate(model: GeoRM, samples: list[PointSample], side: EveryStep | Once) -> dict[str, float]:
-    """IoU at the sampled points of objects that training never sees, beside the visual hull's."""
+def validate(samples: list[PointSample], logit: Callable[[NetworkViews, Tensor], Tensor]) -> dict[str, float]:
+    """IoU at the sampled points of objects that training never sees, beside the visual hull's.
+
+    Args:
+        logit: of the occupancy (B, P) that compact views show at world points (B, P, 3).
+    """
     ours, hull = [], []
     for sample in samples:
-        encoded, points = side.encode(model, sample.views), sample.points[None].float()
-        truth = sample.target[:, 0] > 0
-        ours.append(intersection_over_union(model.occupancy_logit(encoded, points)[0] > 0, truth))
-        hull.append(intersection_over_union(encoded.views.outlines.hull_distance(points)[0] > 0, truth))
+        views, points, truth = sample.views, sample.points[None].float(), sample.target[:, 0] > 0
+        outlines = Outlines(views.silhouette.float(), views.c2w, views.K)
+        ours.append(intersection_over_union(logit(views, points)[0] > 0, truth))
+        hull.append(intersection_over_union(outlines.hull_distance(points)[0] > 0, truth))
     return {"iou": float(np.mean(ours)), "hull iou": float(np.mean(hull))}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     point_samples.add_arguments(parser, minutes=60.0, points=6144, learning_rate=4e-4)
+    parser.add_argument(
+        "--outlines", type=int, default=0, help="objects a step whose outlines alone the volume is shown, all different"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -99,24 +117,34 @@ def run(args: argparse.Namespace) -> int:
         checkpoints.restore(model, checkpoints.load(args.start, type(SMALL))[1], args.start)
     side = view_side(model, load_occupancy, args.look_once, args.freeze)
     samples = SampleCache(args.shards, side.load, shards.real_objects(args.data), side.pictures)
+    solids = outline_samples.load_solids(args.shards) if args.outlines else []
     trainer = Trainer(
         model, TrainerConfig(minutes=args.minutes, learning_rate=args.learning_rate), args.output.with_suffix(".resume")
     )
 
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
-        batch = samples.batch(args.batch, args.points, distributed.generator(args.seed, index))
+        draws = distributed.generator(args.seed, index)
+        batch = samples.batch(args.batch, args.points, draws)
         with torch.autocast(batch.points.device.type, torch.bfloat16, enabled=args.bfloat16):
             encoded = side.encode(model, batch.views)
         encoded = encoded.float()
         occupancy, coarse = loss_terms(model, encoded, batch)
-        depth = depth_loss(encoded.views.depth, batch.depth)
-        return occupancy + COARSE_WEIGHT * coarse + DEPTH_WEIGHT * depth, {
-            "occupancy": float(occupancy.detach()),
-            "coarse": float(coarse.detach()),
-            "depth": float(depth.detach()),
+        terms = {
+            "occupancy": occupancy,
+            "coarse": COARSE_WEIGHT * coarse,
+            "depth": DEPTH_WEIGHT * depth_loss(encoded.views.depth, batch.depth),
         }
+        if args.outlines:
+            drawn = outline_samples.batch(solids, args.outlines, args.points, draws)
+            terms["outlines"] = COARSE_WEIGHT * outline_loss(model, drawn, args.bfloat16)
+        return sum(terms.values()), {name: float(term.detach()) for name, term in terms.items()}
 
-    averaged = trainer.run(step, lambda m: validate(m, samples.held_out, side))
+    def check(averaged: GeoRM) -> dict[str, float]:
+        return validate(
+            samples.held_out, lambda views, points: averaged.occupancy_logit(side.encode(averaged, views), points)
+        )
+
+    averaged = trainer.run(step, check)
     if distributed.rank() == 0:
         checkpoints.save(args.output, averaged.state_dict(), SMALL, name="small.georm")
     return 0

@@ -25,6 +25,9 @@ Network = GeoRM | GlossyRM
 VIEW_SIDE = ("encoder", "pyramid", "transformer", "upsampler", "start")
 """Modules of a `ReconstructionModel`."""
 
+HULL_SIDE = 40
+"""Pixels a side at which outlines alone are given a depth: what the network takes of a picture's hull."""
+
 
 @dataclass(frozen=True)
 class EveryStep:
@@ -68,11 +71,21 @@ class Once:
     def encode(self, network: Network, views: NetworkViews) -> EncodedViews:
         """As `EveryStep.encode`."""
         images = views.images.float()
-        features = ViewFeatures(
-            images[:, :, :-1], images[:, :, -1:], Outlines(views.silhouette.float(), views.c2w, views.K)
-        )
-        planes = images.new_zeros(len(images), 3, network.config.upsampler.channels, 2, 2)
-        return EncodedViews(planes, features, network.model.volume(features))
+        outlines = Outlines(views.silhouette.float(), views.c2w, views.K)
+        return without_planes(network, ViewFeatures(images[:, :, :-1], images[:, :, -1:], outlines))
+
+
+def encode_outlines(network: Network, outlines: Outlines) -> EncodedViews:
+    """What outlines alone tell: no image features (zero is their mean), and the visual hull for a depth."""
+    depth = outlines.hull_depth(HULL_SIDE)[:, :, 1:]
+    maps = depth.new_zeros(*depth.shape[:2], network.config.pixel_aligned.channels, 1, 1)
+    return without_planes(network, ViewFeatures(maps.expand(-1, -1, -1, HULL_SIDE, HULL_SIDE), depth, outlines))
+
+
+def without_planes(network: Network, features: ViewFeatures) -> EncodedViews:
+    """The field's side of an encoding."""
+    planes = features.depth.new_zeros(len(features.depth), 3, network.config.upsampler.channels, 2, 2)
+    return EncodedViews(planes, features, network.model.volume(features))
 
 
 def view_side(network: Network, load: Callable[[Path], PointSample], once: bool, frozen: list[str]) -> EveryStep | Once:

@@ -1,0 +1,64 @@
+"""Outlines drawn from meshes belong to the points that say what is solid, however the object is stretched and seen."""
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+
+from training.datasets import outline_samples
+
+HALF = np.array([0.9, 0.5, 0.3], np.float32)
+"""Half extents of the box that is learnt from."""
+
+
+@pytest.fixture(scope="module")
+def solids(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("shards") / "box"
+    folder.mkdir()
+    box = trimesh.creation.box(2.0 * HALF)
+    np.savez(folder / "mesh.npz", vertices=box.vertices.astype(np.float32), faces=box.faces.astype(np.int32))
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, (6000, 3)).astype(np.float32)
+    inside = (HALF - np.abs(points)).min(axis=1)  # Exact inside; outside of a corner a lower bound, with its sign.
+    np.savez(folder / "occupancy.npz", points=points.astype(np.float16), distance=inside.astype(np.float16))
+    return outline_samples.load_solids(folder.parent)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_is_solid_lies_in_the_hull_and_most_of_the_hull_is_solid(solids, seed):
+    batch = outline_samples.batch(solids, 2, 3000, torch.Generator().manual_seed(seed))
+    hull = batch.outlines.hull_distance(batch.points)
+    pixel = outline_samples.FRAME / outline_samples.SIZE
+    assert bool((hull[batch.distance > 0] > -pixel).all())
+    assert float((batch.distance[hull > 0] > 0).float().mean()) > 0.5
+    assert bool((batch.points.abs() <= 1.0).all())
+
+
+def test_objects_are_stretched_and_turned_and_mostly_seen_by_the_rig_of_users(solids):
+    generator = torch.Generator().manual_seed(0)
+    batch = outline_samples.batch(solids, 24, 2000, generator)
+    extents = torch.stack([p[d > 0].amax(0) - p[d > 0].amin(0) for p, d in zip(batch.points, batch.distance)])
+    assert len({tuple(e) for e in extents.tolist()}) == 24
+    eyes = batch.outlines.c2w[:, 0, :3, 3]
+    same = (eyes - eyes.median(dim=0).values).norm(dim=1) < 1e-3
+    assert 12 <= int(same.sum()) < 24
+
+
+def test_the_longest_side_of_a_stretched_object_fits_the_box(solids):
+    generator = torch.Generator().manual_seed(1)
+    for _ in range(20):
+        vertices = outline_samples._moved(solids[0], generator).mesh.vertices
+        low, high = vertices.amin(0), vertices.amax(0)
+        assert 1.6 - 1e-4 <= float((high - low).amax()) <= 2.0 + 1e-4
+        torch.testing.assert_close(low, -high)
+
+
+def test_held_out_objects_and_those_of_too_many_faces_are_left_out(tmp_path, monkeypatch):
+    for name in ("held", "heavy", "plain"):
+        folder = tmp_path / name
+        folder.mkdir()
+        ball = trimesh.creation.icosphere(subdivisions=3 if name == "heavy" else 1)
+        np.savez(folder / "mesh.npz", vertices=ball.vertices.astype(np.float32), faces=ball.faces.astype(np.int32))
+        np.savez(folder / "occupancy.npz", points=np.zeros((500, 3), np.float16), distance=np.ones(500, np.float16))
+    monkeypatch.setattr(outline_samples, "is_held_out", lambda path: path.parent.name == "held")
+    monkeypatch.setattr(outline_samples, "MOST_FACES", 200)
+    assert [len(s.mesh.faces) for s in outline_samples.load_solids(tmp_path)] == [80]

@@ -1,0 +1,57 @@
+"""Before GeoRM's other stages: the feature volume learns from outlines alone what shapes are like.
+
+Not in the paper. The volume sees no image features, and for depth where rays meet the visual hull. It and its vote
+learn; nothing is rendered, and no shape comes twice.
+"""
+
+import argparse
+
+import torch
+from torch import Tensor
+
+from arm_blender import checkpoints
+from arm_blender.models.georm import GeoRM
+from arm_blender.models.reconstruction import SMALL, NetworkViews
+from arm_blender.models.visual_hull import Outlines
+
+from .. import distributed, trainer
+from ..datasets import outline_samples, point_samples
+from ..trainer import Trainer, TrainerConfig
+from .georm_occupancy import outline_loss, validate
+from .view_side import encode_outlines
+
+TRAINED = ("volume", "coarse")
+"""Modules of a `ReconstructionModel`."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the stage."""
+    trainer.add_arguments(parser, minutes=30.0, points=8192, learning_rate=1e-3)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Train and write the averaged weights."""
+    torch.manual_seed(args.seed)
+    model = GeoRM(SMALL)
+    if args.start:
+        checkpoints.restore(model, checkpoints.load(args.start, type(SMALL))[1], args.start)
+    for name, part in model.model.named_children():
+        part.requires_grad_(name in TRAINED)
+    solids, held_out = outline_samples.load_solids(args.shards), point_samples.load_held_out(args.shards)
+    config = TrainerConfig(minutes=args.minutes, learning_rate=args.learning_rate)
+
+    def step(index: int) -> tuple[Tensor, dict[str, float]]:
+        batch = outline_samples.batch(solids, args.batch, args.points, distributed.generator(args.seed, index))
+        return outline_loss(model, batch, args.bfloat16), {}
+
+    def check(averaged: GeoRM) -> dict[str, float]:
+        def logit(views: NetworkViews, points: Tensor) -> Tensor:
+            outlines = Outlines(views.silhouette.float(), views.c2w, views.K)
+            return averaged.coarse_logit(encode_outlines(averaged, outlines), points)
+
+        return validate(held_out, logit)
+
+    averaged = Trainer(model, config, args.output.with_suffix(".resume")).run(step, check)
+    if distributed.rank() == 0:
+        checkpoints.save(args.output, averaged.state_dict(), SMALL, name="small.georm")
+    return 0
