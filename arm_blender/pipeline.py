@@ -113,9 +113,9 @@ def atlas(mesh: TriangleMesh | UvMesh, settings: Settings, report: Report, progr
         report.leave_out("unwrapping", "the mesh brings its own UVs")
         return mesh
     config = UnwrapConfig(texture_size=settings.resolved.texture_size, time_limit=settings.time_limit)
-    unwrapped, method = unwrap(mesh, config, progress)
-    if method != "xatlas":
-        report.leave_out("xatlas", f"it failed, or took more than {settings.time_limit:g} s; charts are projections")
+    unwrapped, packing = unwrap(mesh, config, progress)
+    if packing != "xatlas":
+        report.leave_out("xatlas", f"it failed, or took more than {settings.time_limit:g} s; charts stand on shelves")
     return unwrapped
 
 

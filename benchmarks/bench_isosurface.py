@@ -48,10 +48,10 @@ def bench_unwrapping(mesh: TriangleMesh, faces: int) -> None:
     print(f"| clean and decimate to {faces} | {time.perf_counter() - started:.2f} | {len(mesh.faces)} faces |")
     for limit in (120.0, 0.0):
         started = time.perf_counter()
-        atlas, method = unwrap(mesh, UnwrapConfig(time_limit=limit))
+        atlas, packing = unwrap(mesh, UnwrapConfig(time_limit=limit))
         seconds = time.perf_counter() - started
         covered = float(signed_areas(atlas.uvs, atlas.face_uvs).abs().sum())
-        print(f"| unwrap {faces} by {method} | {seconds:.2f} | {atlas.charts} charts cover {covered:.0%} |")
+        print(f"| unwrap {faces} packed by {packing} | {seconds:.2f} | {atlas.charts} charts cover {covered:.0%} |")
 
 
 def main() -> None:

@@ -1,26 +1,45 @@
-"""Charts by projection: what stands in where xatlas takes too long, or cannot be had.
+"""Where a surface is cut, so that each piece, a chart, flattens well.
 
-Each face is projected along the axis that its normal is nearest to; faces that would overlap in the projection go to
-different layers; what hangs together is a chart, and charts are packed on shelves.
+Each face takes one of the six axes as its label, the one that its normal is near to; labels are smoothed until seams
+are short (iterated conditional modes on a Potts model: Besag, "On the statistical analysis of dirty pictures", 1986).
+What hangs together is a chart, and the smallest join a neighbour.
 """
-
-from collections.abc import Iterator
 
 import torch
 from torch import Tensor
+from torch.nn import functional as F
 
-from ..graphics.connectivity import components, manifold_pairs
-from ..graphics.meshes import face_normals
+from ..graphics.connectivity import components, half_edges, manifold_pairs
+from ..graphics.meshes import face_areas, face_normals
+from .overlaps import layers
 
-BIN_LIMIT = 64
-"""No face covers more than about this many bins a side in the search for overlaps: bounds its memory."""
+SWEEPS = 12
+"""Of smoothing; the labels hardly change after ten."""
 
-PAIR_CHUNK = 2**20
-"""Pairs of faces compared at once: bounds the memory to some 200 MB."""
+STEEP = 0.35
+"""Cosine to its axis below which a face is charged ten times over: it would be flattened badly."""
+
+SMALL = 0.003
+"""Share of the surface below which a chart joins a neighbour."""
+
+
+def smooth_charts(vertices: Tensor, faces: Tensor) -> Tensor:
+    """(F,) int64: charts 0, 1, ... that hang together, few and with short seams; each faces about one way.
+
+    Args:
+        vertices: (N, 3) finite. faces: (F, 3) int64.
+    """
+    normal, area = face_normals(vertices, faces), face_areas(vertices, faces)
+    pairs = manifold_pairs(faces)
+    neighbours = pairs // 3
+    start, end = half_edges(faces)[pairs[:, 0]].unbind(dim=1)
+    length = (vertices[start] - vertices[end]).norm(dim=1)
+    label = _smoothed(normal, area, neighbours, length)
+    return _merged(connected(neighbours, label, len(faces)), normal, area, neighbours, length)
 
 
 def projection_charts(vertices: Tensor, faces: Tensor) -> tuple[Tensor, Tensor]:
-    """Charts of a mesh in which no two faces overlap.
+    """Charts in which no two faces overlap, without any smoothing: each face lies along the axis it is nearest to.
 
     Args:
         vertices: (N, 3) finite. faces: (F, 3) int64.
@@ -39,139 +58,59 @@ def projection_charts(vertices: Tensor, faces: Tensor) -> tuple[Tensor, Tensor]:
     direction = 2 * axis + positive
 
     neighbours = manifold_pairs(faces) // 3
-    chart = _connected(neighbours, direction, len(faces))
-    layer = _layers(plane, depth, chart)
-    return _connected(neighbours, direction * (int(layer.max()) + 1) + layer, len(faces)), plane
+    chart = connected(neighbours, direction, len(faces))
+    layer = layers(plane, depth, chart)
+    return connected(neighbours, direction * (int(layer.max()) + 1) + layer, len(faces)), plane
 
 
-def pack(chart: Tensor, plane: Tensor, size: int, padding: int) -> Tensor:
-    """(F, 3, 2) UVs in [0, 1] of charts in a square of `size` texels, at one scale, `padding` texels apart.
-
-    Args:
-        chart: (F,) int64. plane: (F, 3, 2), as `projection_charts` returns them.
-    """
-    count = int(chart.max()) + 1
-    index = chart[:, None, None].expand(-1, 3, 2)
-    low = plane.new_full((count, 3, 2), torch.inf).scatter_reduce(0, index, plane, "amin").amin(dim=1)
-    high = plane.new_full((count, 3, 2), -torch.inf).scatter_reduce(0, index, plane, "amax").amax(dim=1)
-    extent = high - low
-    upright = extent[:, 1] > extent[:, 0]  # Laid down by a quarter turn: flat charts fill shelves better.
-    local = plane - low[chart][:, None]
-    turned = torch.stack([extent[chart, 1][:, None] - local[..., 1], local[..., 0]], dim=-1)
-    local = torch.where(upright[chart][:, None, None], turned, local)
-    extent = torch.where(upright[:, None], extent.flip(1), extent)
-
-    # Very many charts leave no room for their gaps: then narrower ones, at last none.
-    for gap in (padding, 1, 0):
-        scale, origin = _largest_scale(extent.double().cpu(), size, gap)
-        if scale > 0:
-            break
-    placed = local.double() * scale + origin.to(local.device)[chart][:, None]
-    return (placed / size).clamp(0.0, 1.0).to(plane.dtype)
-
-
-def _connected(neighbours: Tensor, group: Tensor, count: int) -> Tensor:
+def connected(neighbours: Tensor, group: Tensor, count: int) -> Tensor:
+    """(count,) int64: which parts hang together across `neighbours` (E, 2) of the same `group` (count,)."""
     same = group[neighbours[:, 0]] == group[neighbours[:, 1]]
     return components(neighbours[same], count)
 
 
-def _layers(plane: Tensor, depth: Tensor, chart: Tensor) -> Tensor:
-    """(F,) int64 layers such that faces of one chart and one layer do not overlap: depth peeling, by faces."""
-    layer = torch.zeros_like(chart)
-    # Doubles: neighbours share an edge exactly, and rounding must not make them overlap.
-    pairs = torch.cat(
-        [_overlapping(plane.double(), pairs) for pairs in _candidate_pairs(plane, chart)] or [chart[:0, None]]
-    )
-    if not len(pairs):
-        return layer
-    a, b = pairs.unbind(dim=1)
-    a_above = (depth[a] > depth[b]) | ((depth[a] == depth[b]) & (a < b))
-    above, below = torch.where(a_above, a, b), torch.where(a_above, b, a)
+def _smoothed(normal: Tensor, area: Tensor, neighbours: Tensor, length: Tensor) -> Tensor:
+    """(F,) int64 axis of each face: what it costs to lie along it, against the seams to its neighbours."""
+    axes = torch.eye(3, device=normal.device, dtype=normal.dtype)
+    cosine = normal @ torch.cat([axes, -axes]).T
+    cost = area[:, None] * (1.0 - cosine + 10.0 * (cosine < STEEP))
+    label = cost.argmin(dim=1)
+    if not len(neighbours):
+        return label
+    this, other = torch.cat([neighbours, neighbours.flip(1)]).unbind(dim=1)
+    weight = (length * (area.mean() / length.mean().clamp(min=1e-12))).repeat(2)
+    generator = torch.Generator().manual_seed(0)
+    for _ in range(SWEEPS):
+        agreement = torch.zeros_like(cost).index_put_((this, label[other]), weight, accumulate=True)
+        # Not all at once: neighbours that change together would change back together.
+        moving = (torch.rand(len(label), generator=generator) < 0.6).to(label.device)
+        label = torch.where(moving, (cost - agreement).argmin(dim=1), label)
+    return label
+
+
+def _merged(chart: Tensor, normal: Tensor, area: Tensor, neighbours: Tensor, length: Tensor) -> Tensor:
+    """`chart` (F,) in which small charts have joined the neighbour that they share the longest seam with."""
     while True:
-        pushed = layer.scatter_reduce(0, below, layer[above] + 1, "amax")
-        if torch.equal(pushed, layer):
-            return layer
-        layer = pushed
-
-
-def _candidate_pairs(plane: Tensor, chart: Tensor) -> Iterator[Tensor]:
-    """(P, 2) pairs of faces of one chart that meet in a bin of a square grid over the plane, some more than once."""
-    low, high = plane.amin(dim=1), plane.amax(dim=1)
-    extent = (high - low).amax(dim=1)
-    bin_size = torch.maximum(2 * extent.mean(), extent.max() / BIN_LIMIT).clamp(min=1e-12)
-    origin = low.amin(dim=0)
-    first, last = ((low - origin) / bin_size).long(), ((high - origin) / bin_size).long()
-    span = last - first + 1
-    face, number = _enumerate(span.prod(dim=1))
-    x, y = first[face, 0] + number % span[face, 0], first[face, 1] + number // span[face, 0]
-    key = (chart[face] * (last[:, 1].max() + 1) + y) * (last[:, 0].max() + 1) + x
-    key, order = key.sort()
-    face = face[order]
-    _, group, count = torch.unique_consecutive(key, return_inverse=True, return_counts=True)
-    start = (torch.cumsum(count, dim=0) - count)[group]
-    earlier = torch.arange(len(key), device=key.device) - start  # Every face of a bin meets those before it.
-    # Cut where the running number of pairs fills a chunk.
-    piece = torch.cumsum(earlier, dim=0) // PAIR_CHUNK
-    for entries in torch.arange(len(key), device=key.device).split(
-        torch.unique_consecutive(piece, return_counts=True)[1].tolist()
-    ):
-        entry, number = _enumerate(earlier[entries])
-        entry = entries[entry]
-        yield torch.stack([face[entry], face[start[entry] + number]], dim=1)
-
-
-def _enumerate(counts: Tensor) -> tuple[Tensor, Tensor]:
-    """(sum(counts),) owner of each item and (sum(counts),) its number 0, 1, ... within its owner."""
-    owner = torch.repeat_interleave(counts)
-    return owner, torch.arange(len(owner), device=counts.device) - (torch.cumsum(counts, dim=0) - counts)[owner]
-
-
-def _overlapping(plane: Tensor, pairs: Tensor) -> Tensor:
-    """Those of (P, 2) pairs whose triangles share some area: no side of either separates them."""
-    low, high = plane.amin(dim=1), plane.amax(dim=1)
-    a, b = pairs.unbind(dim=1)
-    pairs = pairs[((low[a] < high[b]) & (low[b] < high[a])).all(dim=1)]
-    a, b = plane[pairs[:, 0]], plane[pairs[:, 1]]
-    tolerance = 1e-9 * float((high - low).max())
-    overlap = torch.ones(len(pairs), dtype=torch.bool, device=plane.device)
-    for triangle in (a, b):
-        side = triangle.roll(-1, dims=1) - triangle
-        across = torch.stack([-side[..., 1], side[..., 0]], dim=-1)  # (P, 3 sides, 2)
-        on_a, on_b = across @ a.mT, across @ b.mT  # (P, 3 sides, 3 corners)
-        common = torch.minimum(on_a.amax(2), on_b.amax(2)) - torch.maximum(on_a.amin(2), on_b.amin(2))
-        overlap &= (common > tolerance * torch.linalg.vector_norm(across, dim=-1)).all(dim=1)
-    return pairs[overlap]
-
-
-def _largest_scale(extent: Tensor, size: int, gap: int) -> tuple[float, Tensor]:
-    """The largest texels per world unit at which (C, 2) boxes fit, and their (C, 2) places; 0 where none does."""
-    best, places = 0.0, torch.zeros_like(extent)
-    low, high = 0.0, size / max(float(extent.max()), 1e-12)
-    for _ in range(24):
-        scale = (low + high) / 2
-        trial = _shelves(extent * scale + gap, size)
-        if trial is None:
-            high = scale
-        else:
-            best, places, low = scale, trial + gap / 2, scale
-    return best, places
-
-
-def _shelves(boxes: Tensor, size: int) -> Tensor | None:
-    """(C, 2) places of (C, 2) boxes on shelves in a square, the highest boxes first; None where they do not fit."""
-    if float(boxes.max()) > size:
-        return None
-    order = boxes[:, 1].argsort(descending=True, stable=True)
-    width, height = boxes[order].unbind(dim=1)
-    right = torch.cumsum(width, dim=0)
-    places = torch.zeros_like(boxes)
-    start, level = 0, 0.0
-    while start < len(boxes):
-        left = right[start] - width[start]
-        end = max(int(torch.searchsorted(right, left + size, right=True)), start + 1)
-        if level + float(height[start]) > size:
-            return None
-        places[order[start:end], 0] = right[start:end] - width[start:end] - left
-        places[order[start:end], 1] = level
-        start, level = end, level + float(height[start])
-    return places
+        count = int(chart.max()) + 1
+        size = area.new_zeros(count).index_add_(0, chart, area)
+        facing = F.normalize(normal.new_zeros(count, 3).index_add_(0, chart, normal * area[:, None]), dim=1)
+        sides = chart[neighbours]
+        seam = sides[:, 0] != sides[:, 1]
+        low, high = sides[seam].aminmax(dim=1)
+        key, edge = torch.unique(low * count + high, return_inverse=True)
+        shared = length.new_zeros(len(key)).index_add_(0, edge, length[seam])
+        a, b = key // count, key % count
+        outline = length.new_zeros(count).index_add_(0, a, shared).index_add_(0, b, shared)
+        small, large = torch.where(size[a] < size[b], a, b), torch.where(size[a] < size[b], b, a)
+        cosine = (facing[a] * facing[b]).sum(dim=1)
+        score = shared / outline[small].clamp(min=1e-12) + 0.2 * cosine
+        score = torch.where((size[small] < SMALL * size.sum()) & (cosine > 0.0), score, -1.0)
+        best = score.new_full((count,), -1.0).scatter_reduce(0, small, score, "amax")
+        joining = (score > 0.0) & (score == best[small])
+        target = torch.arange(count, device=chart.device)
+        target[small[joining]] = large[joining]
+        # A chart joins only one that stays, or chains would join charts that do not touch.
+        target = torch.where(target[target] == target, target, torch.arange(count, device=chart.device))
+        if bool((target == torch.arange(count, device=chart.device)).all()):
+            return chart
+        chart = torch.unique(target[chart], return_inverse=True)[1]

@@ -1,4 +1,7 @@
-"""A UV atlas for a mesh: by xatlas within a time limit, by projection otherwise."""
+"""A UV atlas for a mesh: our charts, packed by xatlas within a time limit, and on shelves otherwise.
+
+xatlas can find charts as well; it takes ten times as long for charts of the same seams and more stretch.
+"""
 
 import logging
 import math
@@ -16,17 +19,19 @@ import torch
 from torch import Tensor
 
 from ..errors import UnwrapError
-from ..graphics.meshes import face_areas, signed_areas
+from ..graphics.meshes import signed_areas
 from ..progress import Progress, silent
 from ..structures import TriangleMesh, UvMesh
-from .charts import pack, projection_charts
+from . import shelves
+from .flatten import flat_charts
 
 logger = logging.getLogger(__name__)
 
-Method = Literal["xatlas", "projection"]
+Packing = Literal["xatlas", "shelves"]
 
 WORKER = Path(__file__).with_name("xatlas_worker.py")
 POLL_SECONDS = 0.05
+FLATTENING = 0.4  # Of the progress bar.
 
 
 @dataclass(frozen=True)
@@ -38,26 +43,20 @@ class UnwrapConfig:
     padding: int = 3
     """Texels between charts. Fewer bleed at coarser mip levels; more waste the atlas where charts are many."""
     time_limit: float = 60.0
-    """Seconds that xatlas may take before projection replaces it; 0 projects at once."""
-    max_cost: float = 2.0
-    """Of growing a chart: higher makes larger, more stretched charts, and takes longer."""
-    max_chart_share: float = 0.1
-    """Largest chart, as a share of the surface; 0 sets no limit. xatlas flattens several charts much faster than a few
-    large ones: at 20k faces 0.1 takes half the time of no limit and has as many seams; 0.03 takes a third and has 1.1
-    times the seams."""
+    """Seconds for all of it; xatlas is stopped when they are over, and shelves replace it; 0 leaves xatlas out."""
 
     def __post_init__(self) -> None:
         if self.texture_size < 16 or self.padding < 0:
             raise ValueError(f"texture_size {self.texture_size} >= 16, padding {self.padding} >= 0")
 
 
-def unwrap(mesh: TriangleMesh, config: UnwrapConfig, progress: Progress = silent) -> tuple[UvMesh, Method]:
-    """The mesh with an atlas in which no two faces overlap, and how it was made.
+def unwrap(mesh: TriangleMesh, config: UnwrapConfig, progress: Progress = silent) -> tuple[UvMesh, Packing]:
+    """The mesh with an atlas in which no two faces overlap, and how its charts were packed.
 
     The geometry is unchanged and stays welded; faces without an area have a point or a line for UVs.
 
     Args:
-        mesh: clean (`decimate.clean`) and of some ten thousand faces, or xatlas may run into the time limit.
+        mesh: clean (`decimate.clean`).
         config: size, padding, limit.
         progress: called every 0.05 s while xatlas works; what it raises stops xatlas at once.
     Raises:
@@ -67,75 +66,61 @@ def unwrap(mesh: TriangleMesh, config: UnwrapConfig, progress: Progress = silent
         raise UnwrapError("the mesh has no faces to unwrap; check the density, or the mesh file")
     if not bool(mesh.vertices[mesh.faces].isfinite().all()):
         raise UnwrapError("the mesh has vertices that are not finite; clean it first")
-    atlas = _by_xatlas(mesh, config, progress) if config.time_limit > 0 else None
-    if atlas is not None:
-        return atlas, "xatlas"
-    progress(0.9, "Unwrapping by projection")
-    return _by_projection(mesh, config), "projection"
-
-
-def _by_projection(mesh: TriangleMesh, config: UnwrapConfig) -> UvMesh:
-    chart, plane = projection_charts(mesh.vertices, mesh.faces)
-    corner_uvs = pack(chart, plane, config.texture_size, config.padding)
+    started = time.monotonic()
+    vertices, faces = mesh.vertices.detach().float().cpu(), mesh.faces.cpu()
+    deadline = started + (config.time_limit or math.inf)
+    chart, plane = flat_charts(vertices, faces, deadline, lambda done, message: progress(FLATTENING * done, message))
     charts = int(chart.max()) + 1
-    # A vertex has one UV in each chart that meets in it.
-    key = mesh.faces * charts + chart[:, None]
-    distinct, face_uvs = torch.unique(key, return_inverse=True)
-    uvs = corner_uvs.new_zeros(len(distinct), 2)
-    uvs[face_uvs.flatten()] = corner_uvs.reshape(-1, 2)
-    return UvMesh(mesh.vertices, mesh.faces, uvs, face_uvs, charts)
+    # A vertex has one place in each chart that meets in it.
+    corner, face_uvs = torch.unique(faces * charts + chart[:, None], return_inverse=True)
+    limit = config.time_limit - (time.monotonic() - started)
+    uvs = _by_xatlas(plane, corner % charts, face_uvs, config, limit, progress) if limit > 0 else None
+    packing: Packing = "xatlas"
+    if uvs is None:
+        progress(0.9, "Packing charts on shelves")
+        packing, uvs = "shelves", plane.new_zeros(len(corner), 2)
+        uvs[face_uvs.flatten()] = shelves.pack(chart, plane, config.texture_size, config.padding).reshape(-1, 2)
+    device = mesh.vertices.device
+    return UvMesh(mesh.vertices, mesh.faces, uvs.to(device), face_uvs.to(device), charts), packing
 
 
-def _by_xatlas(mesh: TriangleMesh, config: UnwrapConfig, progress: Progress) -> UvMesh | None:
-    """The atlas of xatlas; None where it took too long or failed. Whatever `progress` raises passes through."""
+def _by_xatlas(
+    plane: Tensor, chart: Tensor, face_uvs: Tensor, config: UnwrapConfig, limit: float, progress: Progress
+) -> Tensor | None:
+    """(M, 2) UVs of the M corners of charts, packed by xatlas; None where it took too long or failed.
+
+    Args:
+        plane: (F, 3, 2) corners in the plane of their chart. chart: (M,) of each corner. face_uvs: (F, 3).
+    """
+    places = plane.new_zeros(len(chart), 2)
+    places[face_uvs.flatten()] = plane.reshape(-1, 2)
+    # Side by side: xatlas takes what touches for one chart.
+    columns = math.isqrt(int(chart.max())) + 1
+    spacing = 1.1 * float(places.amax() - places.amin())
+    apart = places + spacing * torch.stack([chart % columns, chart // columns], dim=1)
     with tempfile.TemporaryDirectory(prefix="arm-unwrap-") as folder:
-        source, target, log = (Path(folder, name) for name in ("mesh.npz", "atlas.npz", "log.txt"))
-        area = face_areas(mesh.vertices, mesh.faces).sum()
+        source, target, log = (Path(folder, name) for name in ("charts.npz", "atlas.npz", "log.txt"))
         np.savez(
             source,
-            vertices=mesh.vertices.detach().cpu().numpy().astype(np.float32),
-            faces=mesh.faces.cpu().numpy().astype(np.uint32),
+            places=apart.double().numpy(),
+            faces=face_uvs.numpy().astype(np.uint32),
+            area=float(signed_areas(places, face_uvs).sum()),
             texture_size=config.texture_size,
             padding=config.padding,
-            max_cost=config.max_cost,
-            max_chart_area=config.max_chart_share * float(area),
         )
-        if not _run_worker(source, target, log, config.time_limit, _expected_seconds(mesh), progress):
+        if not _run_worker(source, target, log, limit, _expected_seconds(len(face_uvs)), progress):
             return None
         with np.load(target) as atlas:
-            return _uv_mesh(mesh, {name: torch.from_numpy(value) for name, value in atlas.items()})
-
-
-def _expected_seconds(mesh: TriangleMesh) -> float:
-    """Only for the progress bar: about what xatlas takes for the faces."""
-    return 0.3 + len(mesh.faces) / 1e4
-
-
-def _uv_mesh(mesh: TriangleMesh, atlas: dict[str, Tensor]) -> UvMesh | None:
-    """xatlas's answer on the mesh's own vertices; None where it does not fit the mesh."""
-    device = mesh.vertices.device
-    face_uvs = atlas["face_uvs"].long()
-    if not torch.equal(atlas["original"].long()[face_uvs], mesh.faces.cpu()) or not bool(atlas["uvs"].isfinite().all()):
-        logger.warning("xatlas returned another mesh than it was given; unwrapping by projection")
+            uvs = torch.from_numpy(atlas["uvs"]).float()
+    if not bool(uvs.isfinite().all()):
+        logger.warning("xatlas returned UVs that are not finite; packing on shelves")
         return None
-    # UVs come as shares of a width and of a height that differ: back to squares.
-    uvs = (atlas["uvs"] * atlas["size"] / atlas["size"].max()).float().clamp(0.0, 1.0)
-    face_uvs = _shrink_dropped(mesh.faces.cpu(), uvs, face_uvs)
-    return UvMesh(mesh.vertices, mesh.faces, uvs.to(device), face_uvs.to(device), int(atlas["charts"]))
+    return uvs.clamp(0.0, 1.0)
 
 
-def _shrink_dropped(faces: Tensor, uvs: Tensor, face_uvs: Tensor) -> Tensor:
-    """(F, 3) `face_uvs` in which faces that xatlas left out, all in one place, lie on a corner of a face beside."""
-    flat = signed_areas(uvs, face_uvs) == 0.0
-    if not flat.any():
-        return face_uvs
-    # Any UV that a vertex has in a sound face; -1 where it has none.
-    beside = face_uvs.new_full((int(faces.max()) + 1,), -1)
-    beside[faces[~flat].flatten()] = face_uvs[~flat].flatten()
-    place = beside[faces[flat]].amax(dim=1, keepdim=True).expand(-1, 3)
-    face_uvs = face_uvs.clone()
-    face_uvs[flat] = torch.where(place >= 0, place, face_uvs[flat])
-    return face_uvs
+def _expected_seconds(faces: int) -> float:
+    """Only for the progress bar: about what xatlas takes."""
+    return 0.3 + faces / 1e5
 
 
 def _run_worker(source: Path, target: Path, log: Path, limit: float, expected: float, progress: Progress) -> bool:
@@ -153,15 +138,15 @@ def _run_worker(source: Path, target: Path, log: Path, limit: float, expected: f
                 creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),  # No console window on Windows.
             )
         except OSError as error:
-            logger.warning("xatlas cannot be started (%s); unwrapping by projection", error)
+            logger.warning("xatlas cannot be started (%s); packing on shelves", error)
             return False
         try:
             while process.poll() is None:
                 elapsed = time.monotonic() - started
                 if elapsed > limit:
-                    logger.warning("xatlas took longer than %.3g s; unwrapping by projection", limit)
+                    logger.warning("xatlas took longer than %.3g s; packing on shelves", limit)
                     return False
-                progress(0.9 * (1.0 - math.exp(-elapsed / expected)), "Unwrapping")
+                progress(FLATTENING + (0.9 - FLATTENING) * (1.0 - math.exp(-elapsed / expected)), "Packing charts")
                 _wait(process, min(POLL_SECONDS, max(limit - elapsed, 0.0)))
         finally:
             if process.poll() is None:
@@ -169,7 +154,7 @@ def _run_worker(source: Path, target: Path, log: Path, limit: float, expected: f
             process.wait()
     if process.returncode != 0 or not target.exists():
         last = log.read_text(errors="replace").strip().splitlines()[-1:] or [f"status {process.returncode}"]
-        logger.warning("xatlas failed (%s); unwrapping by projection", last[0])
+        logger.warning("xatlas failed (%s); packing on shelves", last[0])
         return False
     return True
 

@@ -117,13 +117,13 @@ def slivers() -> Iterator[Row]:
         )
     for segments in (16, 256, 2048):
         mesh = _prism(segments)
-        unwrapped, method = unwrap(mesh, UnwrapConfig())
+        unwrapped, packing = unwrap(mesh, UnwrapConfig())
         area = signed_areas(unwrapped.uvs, unwrapped.face_uvs).abs()
         inside = bool(((unwrapped.uvs >= 0.0) & (unwrapped.uvs <= 1.0)).all())
         yield (
             f"a cylinder of {segments:,} slivers a side, unwrapped",
-            "by; charts; all UVs in [0, 1]; faces without area in the atlas",
-            f"{method}; {unwrapped.charts}; {inside}; {int((area <= 0.0).sum())}",
+            "packed by; charts; all UVs in [0, 1]; faces without area in the atlas",
+            f"{packing}; {unwrapped.charts}; {inside}; {int((area <= 0.0).sum())}",
         )
 
 
