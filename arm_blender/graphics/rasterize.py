@@ -1,18 +1,19 @@
 """Triangle rasterisation in plain torch: which face each pixel or texel sees, and where on that face.
 
-Every pixel of each triangle's clipped bounding box is a candidate; candidates are tested against the three edges in
-chunks of bounded size, and the nearest depth is kept by `scatter_reduce`. Nothing here is differentiable but
+Each row of each triangle is cut to the span of pixels that its three edges leave, and all pixels of all spans are
+listed, in chunks of bounded size; the nearest depth is kept by `scatter_reduce`. Nothing here is differentiable but
 `interpolate`, which is linear in its attributes.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from .cameras import Camera, project
+from .cameras import Camera
+from .screen_triangles import ScreenTriangles, of_views, screen_triangles
 
-NEAR = 1e-2  # World units; what lies closer to the pinhole is cut off.
 CHUNK = 1 << 18  # Candidate pixels tested at once: about 30 MB of work space, whatever the size of the triangles.
 EDGE_TOLERANCE = 1e-4  # Pixels; keeps float32 rounding from opening cracks along shared edges.
 MIN_AREA = 1e-12  # Square pixels, doubled area; below it a triangle is a line and has no inside.
@@ -20,7 +21,7 @@ MIN_AREA = 1e-12  # Square pixels, doubled area; below it a triangle is a line a
 
 @dataclass(frozen=True)
 class Fragments:
-    """What each pixel sees.
+    """What each pixel sees. Of V views at once all begin with (V, ...), and `fragments[i]` is what one of them sees.
 
     Attributes:
         face_id: (H, W) int64, -1 where nothing is.
@@ -37,22 +38,8 @@ class Fragments:
         """(H, W) bool: a face is there."""
         return self.face_id >= 0
 
-
-@dataclass(frozen=True)
-class _Triangles:
-    """Triangles on the screen, in the order of their faces.
-
-    Attributes:
-        xy: (T, 3, 2) corners, pixels.
-        inverse_depth: (T, 3) 1 / depth of the corners, or None where all lie at one depth.
-        face: (T,) int64 the face that each is a part of.
-        corners: (T, 3, 3) barycentric coordinates of each corner on that face, or None where they are the face's own.
-    """
-
-    xy: Tensor
-    inverse_depth: Tensor | None
-    face: Tensor
-    corners: Tensor | None
+    def __getitem__(self, view: int) -> "Fragments":
+        return Fragments(self.face_id[view], self.barycentric[view], self.depth[view])
 
 
 @torch.no_grad()
@@ -64,9 +51,28 @@ def rasterize(vertices: Tensor, faces: Tensor, camera: Camera) -> Fragments:
         faces: (F, 3) int64.
         camera: on the device of the vertices. Faces that cross its near plane are cut there.
     """
+    return rasterize_views(vertices, faces, (camera,))[0]
+
+
+@torch.no_grad()
+def rasterize_views(vertices: Tensor, faces: Tensor, cameras: Sequence[Camera]) -> Fragments:
+    """As `rasterize`, all views at once: for small pictures much faster than one by one.
+
+    Args:
+        vertices, faces: as in `rasterize`.
+        cameras: V of one size.
+    Returns:
+        (V, H, W) and (V, 3, H, W).
+    Raises:
+        ValueError: wrong shapes, no camera, or cameras of several sizes.
+    """
     if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
         raise ValueError(f"vertices (N, 3) and faces (F, 3) expected, got {vertices.shape}, {faces.shape}")
-    return _scan(_screen_triangles(vertices, faces, camera), camera.height, camera.width)
+    sizes = {(camera.height, camera.width) for camera in cameras}
+    if len(sizes) != 1:
+        raise ValueError(f"one size for all views expected, got {sorted(sizes) or 'no camera'}")
+    triangles = of_views([screen_triangles(vertices, faces, camera) for camera in cameras])
+    return _scan(triangles, len(cameras), *sizes.pop())
 
 
 @torch.no_grad()
@@ -82,7 +88,7 @@ def rasterize_uv(uvs: Tensor, face_uvs: Tensor, size: int) -> Fragments:
         raise ValueError(f"uvs (M, 2) and face_uvs (F, 3) expected, got {uvs.shape}, {face_uvs.shape}")
     corners = torch.stack([uvs[:, 0], 1.0 - uvs[:, 1]], dim=1) * size
     kept = torch.isfinite(corners).all(dim=1)[face_uvs].all(dim=1).nonzero()[:, 0]
-    return _scan(_Triangles(corners[face_uvs[kept]], None, kept, None), size, size)
+    return _scan(ScreenTriangles(corners[face_uvs[kept]], None, kept, None), 1, size, size)[0]
 
 
 def interpolate(attributes: Tensor, faces: Tensor, fragments: Fragments) -> Tensor:
@@ -104,79 +110,61 @@ def interpolate(attributes: Tensor, faces: Tensor, fragments: Fragments) -> Tens
     return image.index_copy(0, pixel, values).T.reshape(-1, height, width)
 
 
-def _screen_triangles(vertices: Tensor, faces: Tensor, camera: Camera) -> _Triangles:
-    """The faces as the camera projects them, cut at the near plane."""
-    xy, depth = project(vertices, camera)
-    finite = torch.isfinite(vertices).all(dim=1)
-    front = (depth >= NEAR) & finite
-    fronts = front[faces[:, 0]].int() + front[faces[:, 1]].int() + front[faces[:, 2]].int()
-    whole = (fronts == 3).nonzero()[:, 0]
-    cut = ((fronts > 0) & (fronts < 3) & finite[faces].all(dim=1)).nonzero()[:, 0]
-    inverse_depth = depth.reciprocal()
-    triangles = _Triangles(xy[faces[whole]], inverse_depth[faces[whole]], whole, None)
-    return triangles if len(cut) == 0 else _with_cut_faces(triangles, vertices, faces, cut, camera)
-
-
-def _with_cut_faces(triangles: _Triangles, vertices: Tensor, faces: Tensor, cut: Tensor, camera: Camera) -> _Triangles:
-    """`triangles` and the visible parts of the faces `cut` (P,), which cross the near plane."""
-    points = vertices[faces[cut]]  # (P, 3, 3)
-    depth = project(points, camera)[1]
-    # Rotate the corners so that corner 0 is the one that lies alone on its side of the plane.
-    front = depth >= NEAR
-    lone_in_front = front.sum(dim=1) == 1
-    lone = torch.where(lone_in_front, front.int().argmax(dim=1), (~front).int().argmax(dim=1))
-    order = (lone[:, None] + torch.arange(3, device=lone.device)) % 3
-    depth = depth.gather(1, order)
-    own = torch.nn.functional.one_hot(order, 3).to(vertices.dtype)  # (P, corner, barycentric)
-    share = ((NEAR - depth[:, :1]) / (depth[:, 1:] - depth[:, :1]))[..., None]  # (P, 2, 1) from corner 0 to 1 and 2
-    crossing = own[:, :1] + share * (own[:, 1:] - own[:, :1])  # (P, 2, 3)
-    tip = torch.stack([own[:, 0], crossing[:, 0], crossing[:, 1]], dim=1)[lone_in_front]
-    base = torch.stack([crossing[:, 0], own[:, 1], own[:, 2]], dim=1)[~lone_in_front]
-    rest = torch.stack([crossing[:, 0], own[:, 2], crossing[:, 1]], dim=1)[~lone_in_front]
-    source = torch.arange(len(cut), device=cut.device)
-    source = torch.cat([source[lone_in_front], source[~lone_in_front], source[~lone_in_front]])
-    corners = torch.cat([tip, base, rest])
-    xy, depth = project(corners @ points[source], camera)
-    whole = torch.eye(3, dtype=corners.dtype, device=corners.device).expand(len(triangles.face), 3, 3)
-    face = torch.cat([triangles.face, cut[source]])
-    order = torch.argsort(face, stable=True)
-    return _Triangles(
-        torch.cat([triangles.xy, xy])[order],
-        torch.cat([triangles.inverse_depth, depth.clamp(min=NEAR).reciprocal()])[order],
-        face[order],
-        torch.cat([whole, corners])[order],
-    )
-
-
-def _scan(triangles: _Triangles, height: int, width: int) -> Fragments:
-    """The nearest triangle at each pixel centre."""
+def _scan(triangles: ScreenTriangles, views: int, height: int, width: int) -> Fragments:
+    """The nearest triangle at each pixel centre of `views` pictures, which lie below one another."""
     triangles, box, plane = _edges(triangles, height, width)
-    device, count = triangles.face.device, len(triangles.face)
-    nearest = torch.full((height * width,), torch.inf, dtype=triangles.xy.dtype, device=device)
-    winner = torch.full((height * width,), count, dtype=torch.int32, device=device)
-    ends = (box[:, 2] * box[:, 3]).cumsum(dim=0)
-    starts = ends - box[:, 2] * box[:, 3]
-    total = int(ends[-1]) if count else 0
-    for begin in range(0, total, CHUNK):
-        stop = min(begin + CHUNK, total)
-        limits = torch.tensor([begin, stop - 1], device=device)
-        first, last = torch.searchsorted(ends, limits, right=True).tolist()
-        chosen = torch.arange(first, last + 1, device=device)
-        counts = ends[first : last + 1].clamp(max=stop) - starts[first : last + 1].clamp(min=begin)
-        triangle = chosen.repeat_interleave(counts, output_size=stop - begin)
-        local = torch.arange(begin, stop, device=device) - starts[triangle]
-        columns = box[triangle, 2]
-        row = torch.div(local, columns, rounding_mode="floor")
-        column = local - row * columns
-        inside, weights = _weights(plane, triangle, column, row)
-        kept = inside.nonzero()[:, 0]
-        triangle, weights = triangle[kept], weights[:, kept]
-        pixel = (box[triangle, 1] + row[kept]) * width + box[triangle, 0] + column[kept]
-        _keep_nearest(nearest, winner, pixel, triangle, _depth(triangles, triangle, weights))
-    return _fragments(triangles, box, plane, nearest, winner, height, width)
+    if triangles.view is not None:
+        box[:, 1] += triangles.view * height
+    device, pixels = triangles.face.device, views * height * width
+    nearest = torch.full((pixels,), torch.inf, dtype=triangles.xy.dtype, device=device)
+    winner = torch.full((pixels,), len(triangles.face), dtype=torch.int32, device=device)
+    for chosen in _pieces(box[:, 3]):
+        triangle, row = _enumerate(chosen, box[chosen, 3])
+        first, length = _spans(plane, box, triangle, row)
+        kept = length.nonzero()[:, 0]
+        triangle, row, first, length = triangle[kept], row[kept], first[kept], length[kept]
+        left = (box[triangle, 1] + row) * width + box[triangle, 0] + first
+        inverse_depth = _inverse_depth(triangles, plane, triangle, row, first)
+        for part in _pieces(length):
+            span, local = _enumerate(part, length[part])
+            depth = None if inverse_depth is None else _depth(inverse_depth[span], local)
+            _keep_nearest(nearest, winner, left[span] + local, triangle[span], depth)
+    return _fragments(triangles, box, plane, nearest, winner, (views, height, width))
 
 
-def _edges(triangles: _Triangles, height: int, width: int) -> tuple[_Triangles, Tensor, Tensor]:
+def _pieces(counts: Tensor) -> tuple[Tensor, ...]:
+    """Indices of (N,) counts, cut into runs whose counts sum to about `CHUNK`."""
+    run = torch.div(counts.cumsum(dim=0), CHUNK, rounding_mode="floor")
+    sizes = torch.unique_consecutive(run, return_counts=True)[1].tolist()
+    return torch.arange(len(counts), device=counts.device).split(sizes)
+
+
+def _enumerate(owners: Tensor, counts: Tensor) -> tuple[Tensor, Tensor]:
+    """(sum(counts),) owner of each item and (sum(counts),) its number 0, 1, ... within its owner."""
+    item = torch.repeat_interleave(counts)
+    start = counts.cumsum(dim=0) - counts
+    return owners[item], torch.arange(len(item), device=counts.device) - start[item]
+
+
+def _spans(plane: Tensor, box: Tensor, triangle: Tensor, row: Tensor) -> tuple[Tensor, Tensor]:
+    """(R,) first column in the box, and (R,) number, of the pixels that rows (R,) of triangles (R,) cover."""
+    y = row.to(plane.dtype)
+    x1, y1, c1, x2, y2, c2, slack0, slack1, slack2 = plane[triangle].unbind(1)
+    second, third = y1 * y + c1, y2 * y + c2
+    low, high = torch.zeros_like(y), (box[triangle, 2] - 1).to(y)
+    # Each weight is linear along the row; where it is at least -slack is a half line. One that does not change along
+    # rows is that of an edge along them, and the box ends there.
+    for slope, weight, slack in (
+        (-x1 - x2, 1.0 - second - third, slack0), (x1, second, slack1), (x2, third, slack2)
+    ):  # fmt: skip
+        bound = -(weight + slack) / slope
+        low = torch.where(slope > 0.0, torch.maximum(low, bound), low)
+        high = torch.where(slope < 0.0, torch.minimum(high, bound), high)
+    first = low.ceil()
+    return first.long(), (high.floor() - first + 1.0).clamp(min=0.0).long()
+
+
+def _edges(triangles: ScreenTriangles, height: int, width: int) -> tuple[ScreenTriangles, Tensor, Tensor]:
     """The triangles that cover a pixel centre, their boxes and their edges.
 
     Returns:
@@ -204,42 +192,53 @@ def _edges(triangles: _Triangles, height: int, width: int) -> tuple[_Triangles, 
         slack * (cx - bx).hypot(cy - by), slack * (cx - ax).hypot(cy - ay), slack * (bx - ax).hypot(by - ay),
     ], dim=1)  # fmt: skip
     box = torch.stack([left, top, right - left + 1, bottom - top + 1], dim=1).long()[solid]
-    kept = kept[solid]
-    subset = _Triangles(
-        triangles.xy[kept],
-        None if triangles.inverse_depth is None else triangles.inverse_depth[kept],
-        triangles.face[kept],
-        None if triangles.corners is None else triangles.corners[kept],
-    )
-    return subset, box, plane[solid]
+    return triangles.chosen(kept[solid]), box, plane[solid]
 
 
 def _least(a: Tensor, b: Tensor, c: Tensor) -> Tensor:
     return torch.minimum(torch.minimum(a, b), c)
 
 
-def _weights(plane: Tensor, triangle: Tensor, column: Tensor, row: Tensor) -> tuple[Tensor, Tensor]:
-    """Whether candidates (P,) lie inside, and their (3, P) screen-space weights, clamped to the triangle."""
+def _weights(plane: Tensor, triangle: Tensor, column: Tensor, row: Tensor) -> Tensor:
+    """(3, P) screen-space weights, clamped to the triangle, at pixels (P,) of triangles (P,)."""
     x, y = column.to(plane.dtype), row.to(plane.dtype)
-    x1, y1, c1, x2, y2, c2, slack0, slack1, slack2 = plane[triangle].unbind(1)
+    x1, y1, c1, x2, y2, c2 = plane[triangle, :6].unbind(1)
     second = x1 * x + y1 * y + c1
     third = x2 * x + y2 * y + c2
-    first = 1.0 - second - third
-    inside = (first >= -slack0) & (second >= -slack1) & (third >= -slack2)
-    weights = torch.stack([first, second, third]).clamp_(min=0.0)
-    return inside, weights / weights.sum(dim=0)
+    weights = torch.stack([1.0 - second - third, second, third]).clamp_(min=0.0)
+    return weights / weights.sum(dim=0)
 
 
-def _depth(triangles: _Triangles, triangle: Tensor, weights: Tensor) -> Tensor:
-    """(P,) view-axis depth at screen-space weights (3, P)."""
+def _inverse_depth(
+    triangles: ScreenTriangles, plane: Tensor, triangle: Tensor, row: Tensor, first: Tensor
+) -> Tensor | None:
+    """(R, 4) 1 / depth along spans (R,): at the first pixel, its change from pixel to pixel, its least and its largest.
+
+    1 / depth, not depth, is linear on the screen. None where all triangles lie at one depth.
+    """
     if triangles.inverse_depth is None:
-        return weights.new_zeros(len(triangle))
-    # 1 / depth, not depth, is linear on the screen.
-    return (weights * triangles.inverse_depth[triangle].T).sum(dim=0).reciprocal()
+        return None
+    corner = triangles.inverse_depth[triangle]
+    x1, y1, c1, x2, y2, c2 = plane[triangle, :6].unbind(1)
+    x, y = first.to(plane.dtype), row.to(plane.dtype)
+    along1, along2 = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    start = corner[:, 0] + along1 * (x1 * x + y1 * y + c1) + along2 * (x2 * x + y2 * y + c2)
+    return torch.stack([start, along1 * x1 + along2 * x2, *corner.aminmax(dim=1)], dim=1)
 
 
-def _keep_nearest(nearest: Tensor, winner: Tensor, pixel: Tensor, triangle: Tensor, depth: Tensor) -> None:
+def _depth(inverse: Tensor, number: Tensor) -> Tensor:
+    """(P,) view-axis depth of pixels number 0, 1, ... (P,) of spans `inverse` (P, 4) as of `_inverse_depth`."""
+    start, slope, low, high = inverse.unbind(1)
+    # Clamped: just outside of a triangle seen edge-on it may be anything.
+    return torch.minimum(torch.maximum(start + slope * number, low), high).reciprocal_()
+
+
+def _keep_nearest(nearest: Tensor, winner: Tensor, pixel: Tensor, triangle: Tensor, depth: Tensor | None) -> None:
     """Enter candidates (P,) into the buffers; of equally near ones the lowest triangle stays."""
+    if depth is None:
+        nearest[pixel] = 0.0
+        winner.scatter_reduce_(0, pixel, triangle.int(), "amin")
+        return
     before = nearest[pixel]
     nearest.scatter_reduce_(0, pixel, depth, "amin")
     after = nearest[pixel]
@@ -249,21 +248,23 @@ def _keep_nearest(nearest: Tensor, winner: Tensor, pixel: Tensor, triangle: Tens
 
 
 def _fragments(
-    triangles: _Triangles, box: Tensor, plane: Tensor, nearest: Tensor, winner: Tensor, height: int, width: int
+    triangles: ScreenTriangles, box: Tensor, plane: Tensor, nearest: Tensor, winner: Tensor, shape: tuple[int, int, int]
 ) -> Fragments:
-    """What the buffers (H * W,) say, with barycentric coordinates on the faces."""
+    """What the buffers (V * H * W,) say, with barycentric coordinates on the faces."""
     pixel = torch.isfinite(nearest).nonzero()[:, 0]
     triangle = winner[pixel].long()
-    column = pixel % width - box[triangle, 0]
-    row = torch.div(pixel, width, rounding_mode="floor") - box[triangle, 1]
-    weights = _weights(plane, triangle, column, row)[1]
+    column = pixel % shape[2] - box[triangle, 0]
+    row = torch.div(pixel, shape[2], rounding_mode="floor") - box[triangle, 1]
+    weights = _weights(plane, triangle, column, row)
     if triangles.inverse_depth is not None:
         weights = weights * triangles.inverse_depth[triangle].T
         weights = weights / weights.sum(dim=0)
     if triangles.corners is not None:
         weights = torch.einsum("ip,pij->jp", weights, triangles.corners[triangle])
-    face_id = torch.full((height * width,), -1, dtype=torch.int64, device=nearest.device)
+    face_id = torch.full_like(nearest, -1, dtype=torch.int64)
     face_id[pixel] = triangles.face[triangle]
-    barycentric = nearest.new_zeros(3, height * width)
-    barycentric[:, pixel] = weights
-    return Fragments(face_id.view(height, width), barycentric.view(3, height, width), nearest.view(height, width))
+    barycentric = nearest.new_zeros(shape[0], 3, shape[1] * shape[2])
+    view, place = torch.div(pixel, barycentric.shape[2], rounding_mode="floor"), pixel % barycentric.shape[2]
+    for corner in range(3):
+        barycentric[view, corner, place] = weights[corner]
+    return Fragments(face_id.view(shape), barycentric.unflatten(2, shape[1:]), nearest.view(shape))

@@ -7,7 +7,14 @@ import torch
 from torch import Tensor
 
 from arm_blender.graphics.cameras import Camera, orbit_camera, project
-from arm_blender.graphics.rasterize import CHUNK, Fragments, interpolate, rasterize, rasterize_uv
+from arm_blender.graphics.rasterize import (
+    CHUNK,
+    Fragments,
+    interpolate,
+    rasterize,
+    rasterize_uv,
+    rasterize_views,
+)
 
 
 def reference(vertices: Tensor, faces: Tensor, camera: Camera) -> tuple[Tensor, Tensor, Tensor]:
@@ -120,6 +127,59 @@ def test_shared_edges_leave_no_cracks() -> None:
         torch.stack([a, a + 1, a + side + 2], dim=1), torch.stack([a, a + side + 2, a + side + 1], dim=1)
     ])  # fmt: skip
     assert rasterize_uv(grid.view(-1, 2), faces, 256).mask.all()
+
+
+@pytest.mark.parametrize("size", [1, 7, 97, 255])
+@pytest.mark.parametrize("shift", [0.0, 0.5, 1e-3, 1.0 / 3.0])
+def test_a_pixel_on_a_mesh_belongs_to_one_face(size: int, shift: float) -> None:
+    """The faces of a grid, drawn one by one, share no pixel but on their edges, and leave none out."""
+    line = torch.linspace(0.0, 1.0, 6)
+    line = (line + shift / size * torch.tensor([0.0, 1.0, 1.0, 1.0, 1.0, 0.0])).clamp(0.0, 1.0)
+    uvs = torch.stack(torch.meshgrid(line, line, indexing="xy"), dim=-1).reshape(-1, 2)
+    row, column = torch.meshgrid(torch.arange(5), torch.arange(5), indexing="ij")
+    a = (row * 6 + column).flatten()
+    faces = torch.cat([torch.stack([a, a + 1, a + 7], 1), torch.stack([a, a + 7, a + 6], 1)])
+    counts = sum(rasterize_uv(uvs, face[None], size).mask.int() for face in faces)
+    assert int(counts.min()) >= 1
+    center = (torch.arange(size) + 0.5) / size
+    x, y = center[None].expand(size, size), 1.0 - center[:, None].expand(size, size)
+    within = x[..., None] - line, y[..., None] - line
+    # On a grid line, or on a cell's diagonal.
+    edge = torch.minimum(within[0].abs().amin(-1), within[1].abs().amin(-1)) < 1e-3 / size
+    cell_x, cell_y = ((w >= 0).sum(-1).clamp(1, 5) - 1 for w in within)
+    width, height = (line[c + 1] - line[c] for c in (cell_x, cell_y))
+    edge |= ((x - line[cell_x]) / width - (y - line[cell_y]) / height).abs() < 1e-2
+    assert int(counts[~edge].max() if (~edge).any() else 1) == 1
+
+
+def test_views_at_once_equal_views_one_by_one() -> None:
+    vertices, faces = soup(60, 0.7, 3)
+    # The second camera stands among the triangles: some cross its near plane.
+    cameras = [orbit_camera(30.0 * i, 10.0 * i, d, 50.0, 40, 24) for i, d in enumerate((3.0, 0.3, 5.0))]
+    together = rasterize_views(vertices, faces, cameras)
+    assert together.face_id.shape == (3, 24, 40) and together.barycentric.shape == (3, 3, 24, 40)
+    for i, camera in enumerate(cameras):
+        alone = rasterize(vertices, faces, camera)
+        assert alone.mask.any()
+        assert torch.equal(together[i].face_id, alone.face_id) and torch.equal(together[i].depth, alone.depth)
+        assert torch.equal(together[i].barycentric, alone.barycentric)
+
+
+def test_views_of_several_sizes_are_refused() -> None:
+    vertices, faces = soup(2, 0.5, 0)
+    with pytest.raises(ValueError, match="one size"):
+        rasterize_views(vertices, faces, [orbit_camera(0, 0, 3, 40, 8, 8), orbit_camera(0, 0, 3, 40, 8, 9)])
+    with pytest.raises(ValueError, match="no camera"):
+        rasterize_views(vertices, faces, [])
+
+
+def test_depth_stays_within_a_face_seen_edge_on() -> None:
+    """Its depth on the screen is as steep as can be: what lies between its corners must not overshoot them."""
+    for tilt in (1e-1, 1e-3, 1e-5, 1e-7):
+        vertices = torch.tensor([[-0.5, -1.0, 0.0], [0.5, -1.0, 0.0], [0.0, 1.0, tilt]])
+        fragments = rasterize(vertices, torch.tensor([[0, 1, 2]]), orbit_camera(0.0, 0.0, 3.0, 40.0, 65, 65))
+        depth = fragments.depth[fragments.mask]
+        assert bool(((depth >= 2.0 - 1e-5) & (depth <= 4.0 + 1e-5)).all())
 
 
 def test_winding_does_not_matter_and_the_lowest_face_wins_a_tie() -> None:

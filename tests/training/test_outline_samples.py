@@ -36,7 +36,9 @@ def test_what_is_solid_lies_in_the_hull_and_most_of_the_hull_is_solid(solids, se
 def test_objects_are_stretched_and_turned_and_mostly_seen_by_the_rig_of_users(solids):
     generator = torch.Generator().manual_seed(0)
     batch = outline_samples.batch(solids, 24, 2000, generator)
-    extents = torch.stack([p[d > 0].amax(0) - p[d > 0].amin(0) for p, d in zip(batch.points, batch.distance)])
+    extents = torch.stack(
+        [p[d > 0].amax(0) - p[d > 0].amin(0) for p, d in zip(batch.points, batch.distance, strict=True)]
+    )
     assert len({tuple(e) for e in extents.tolist()}) == 24
     eyes = batch.outlines.c2w[:, 0, :3, 3]
     same = (eyes - eyes.median(dim=0).values).norm(dim=1) < 1e-3

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from arm_blender.graphics.cameras import Camera, orbit_camera
-from arm_blender.graphics.rasterize import rasterize
+from arm_blender.graphics.rasterize import rasterize_views
 from arm_blender.models.visual_hull import Outlines, signed_silhouette_distance
 from arm_blender.structures import TriangleMesh, stack_cameras
 from arm_blender.views.rigs import AZIMUTHS_DEG, ELEVATIONS_DEG
@@ -102,11 +102,13 @@ def _moved(solid: Solid, generator: torch.Generator) -> Solid:
         # Objects of artists and scanners mostly stand along the axes.
         quarters = _uniform(0.0, 4.0, generator)
         angle = 0.5 * math.pi * (math.floor(quarters) if _uniform(0.0, 1.0, generator) < 0.5 else quarters)
-        rotation = torch.tensor([
-            [math.cos(angle), -math.sin(angle), 0.0],
-            [math.sin(angle), math.cos(angle), 0.0],
-            [0.0, 0.0, 1.0],
-        ])
+        rotation = torch.tensor(
+            [
+                [math.cos(angle), -math.sin(angle), 0.0],
+                [math.sin(angle), math.cos(angle), 0.0],
+                [0.0, 0.0, 1.0],
+            ]
+        )
     if _uniform(0.0, 1.0, generator) < 0.5:
         rotation = rotation @ torch.diag(torch.tensor([-1.0, 1.0, 1.0]))
     linear = rotation * stretch
@@ -136,7 +138,7 @@ def _rig(generator: torch.Generator) -> list[Camera]:
 def _seen(solid: Solid, points: int, generator: torch.Generator) -> OutlineBatch:
     """Its outlines in a rig, and some of its points; B = 1."""
     cameras = _rig(generator)
-    coverage = torch.stack([rasterize(solid.mesh.vertices, solid.mesh.faces, c).mask for c in cameras]).float()
+    coverage = rasterize_views(solid.mesh.vertices, solid.mesh.faces, cameras).mask.float()
     silhouette = torch.stack([coverage, signed_silhouette_distance(coverage)], dim=1)
     c2w, K = stack_cameras(cameras)
     chosen = torch.randint(len(solid.points), (points,), generator=generator)
