@@ -33,9 +33,8 @@ lint: $(READY)
 	$(BIN)/ruff check .
 
 bench: $(READY)
-	@for file in benchmarks/bench_*.py; do \
-		echo "== $$file"; $(BIN)/python -m benchmarks.$$(basename $$file .py) || exit 1; \
-	done
+	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks.bench_generate
 
 clean:
 	rm -rf out .pytest_cache .ruff_cache

@@ -1,71 +1,84 @@
-"""Seconds of the way from a density to an atlas, stage by stage: `python -m benchmarks.bench_isosurface`.
+"""The sparse iso-surface beside the dense one, on the field of the shipped network.
 
-The shape is a ball with waves on it. The density costs almost nothing: what is shown is the work around it.
+python -m benchmarks.bench_isosurface [--threads N]
 """
 
-import argparse
-import time
-
 import torch
+from scipy.spatial import cKDTree
 from torch import Tensor
 
 from arm_blender.graphics.isosurface import IsosurfaceConfig, extract
-from arm_blender.graphics.meshes import signed_areas
+from arm_blender.graphics.sample_grid import Density
 from arm_blender.structures import TriangleMesh
-from arm_blender.uv.decimate import clean, decimate
-from arm_blender.uv.unwrap import UnwrapConfig, unwrap
+from training.evaluation.results import markdown_table, paragraphs
+
+from .measure import run, seconds_of
+from .shapes import example_density
+
+RESOLUTIONS = (64, 128, 256, 512)
+DENSE_LIMIT = 128
+"""Dense grids beyond are not run: their seconds are those of this one, by the number of samples."""
 
 
-class WavyBall:
-    """A density that counts the points and the seconds it is asked for."""
+class Counted:
+    """A density that counts what it is asked for."""
 
-    def __init__(self) -> None:
-        self.points, self.seconds = 0, 0.0
+    def __init__(self, density: Density) -> None:
+        self.density, self.points = density, 0
 
-    def __call__(self, p: Tensor) -> Tensor:
-        started = time.perf_counter()
-        values = 10.0 + 50.0 * (0.6 + 0.05 * torch.sin(9.0 * p).sum(dim=1) - p.norm(dim=1))
-        self.points += len(p)
-        self.seconds += time.perf_counter() - started
-        return values
+    def __call__(self, points: Tensor) -> Tensor:
+        self.points += len(points)
+        return self.density(points)
 
 
-def bench_extraction(resolution: int) -> TriangleMesh:
-    """Prints one row; returns the mesh."""
-    density = WavyBall()
-    started = time.perf_counter()
-    mesh = extract(density, IsosurfaceConfig(resolution))
-    seconds = time.perf_counter() - started - density.seconds
-    share = density.points / resolution**3
-    print(f"| extract {resolution}^3 | {seconds:.2f} | {len(mesh.faces)} faces, {share:.1%} of the samples asked for |")
-    return mesh
+def surface(density: Density, resolution: int, dense: bool) -> tuple[TriangleMesh, float, int]:
+    """The mesh, the seconds, and the samples that were asked for."""
+    counted, meshes = Counted(density), []
+    config = IsosurfaceConfig(resolution, iso=0.0, dense=dense, chunk=2**14)
+    seconds = seconds_of(lambda: meshes.append(extract(counted, config)))
+    return meshes[0], seconds, counted.points
 
 
-def bench_unwrapping(mesh: TriangleMesh, faces: int) -> None:
-    """Prints the rows of cleaning, decimation and both kinds of atlas."""
-    started = time.perf_counter()
-    mesh = decimate(clean(mesh), faces)
-    print(f"| clean and decimate to {faces} | {time.perf_counter() - started:.2f} | {len(mesh.faces)} faces |")
-    for limit in (120.0, 0.0):
-        started = time.perf_counter()
-        atlas, packing = unwrap(mesh, UnwrapConfig(time_limit=limit))
-        seconds = time.perf_counter() - started
-        covered = float(signed_areas(atlas.uvs, atlas.face_uvs).abs().sum())
-        print(f"| unwrap {faces} packed by {packing} | {seconds:.2f} | {atlas.charts} charts cover {covered:.0%} |")
+def hausdorff_cells(a: TriangleMesh, b: TriangleMesh, resolution: int) -> float:
+    """The farthest that a vertex of either mesh lies from the vertices of the other, in cells of the grid."""
+    one, other = a.vertices.numpy(), b.vertices.numpy()
+    distance = max(cKDTree(one).query(other)[0].max(), cKDTree(other).query(one)[0].max())
+    return float(distance) * (resolution - 1) / 2.0
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--threads", type=int, default=1, help="of torch (default 1)")
-    parser.add_argument("--faces", type=int, nargs="+", default=[10_000, 20_000], help="face budgets")
-    args = parser.parse_args()
-    torch.set_num_threads(args.threads)
-    extract(WavyBall(), IsosurfaceConfig(16))  # The table is built once.
-    print("| stage | seconds | result |\n|---|---|---|")
-    meshes = [bench_extraction(resolution) for resolution in (64, 128, 256)]
-    for faces in args.faces:
-        bench_unwrapping(meshes[1], faces)
+def measured() -> list[list[object]]:
+    """A row for each resolution."""
+    density = example_density()
+    rows = []
+    dense_seconds = 0.0
+    for resolution in RESOLUTIONS:
+        mesh, seconds, points = surface(density, resolution, dense=False)
+        apart = "not run"
+        note = ", by the number of samples"
+        if resolution <= DENSE_LIMIT:
+            dense, dense_seconds, _ = surface(density, resolution, dense=True)
+            apart, note = f"{hausdorff_cells(mesh, dense, resolution):.3f}", ""
+        whole = dense_seconds * (resolution / min(resolution, DENSE_LIMIT)) ** 3
+        rows.append([
+            f"{resolution}³", f"{len(mesh.faces):,}", f"{points:,}", f"{points / resolution**3:.1%}", f"{seconds:.2f}",
+            f"{whole:.1f}{note}", f"{whole / seconds:.1f}", apart,
+        ])  # fmt: skip
+    return rows
+
+
+def document() -> str:
+    """The table as Markdown."""
+    with torch.inference_mode():
+        rows = measured()
+    return paragraphs(
+        "## Iso-surface",
+        "The field is that of the shipped GeoRM for the committed example. *Hausdorff*: the farthest that a vertex of "
+        "either mesh lies from the other's, in cells.",
+        markdown_table(
+            ["grid", "faces", "samples", "of all", "sparse s", "dense s", "times faster", "Hausdorff"], rows
+        ),
+    )
 
 
 if __name__ == "__main__":
-    main()
+    run(document, __doc__)

@@ -1,0 +1,49 @@
+"""What the benchmarks share: seconds of a call, peak memory of a process, and the machine in words."""
+
+import argparse
+import os
+import platform
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import torch
+
+
+def median_seconds(call: Callable[[], object], repeats: int = 5) -> float:
+    """The median of `repeats` calls, after one that is not counted: it also pays for torch's start."""
+    call()
+    seconds = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        call()
+        seconds.append(time.perf_counter() - start)
+    return statistics.median(seconds)
+
+
+def seconds_of(call: Callable[[], object]) -> float:
+    """Of one call, where several would take too long."""
+    start = time.perf_counter()
+    call()
+    return time.perf_counter() - start
+
+
+def machine() -> str:
+    """Processor, cores, threads and versions."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    processor = names[0] if names else platform.processor() or platform.machine()
+    return (
+        f"{processor}, {os.cpu_count()} cores, {torch.get_num_threads()} threads; {platform.system()}, "
+        f"Python {platform.python_version()}, torch {torch.__version__}"
+    )
+
+
+def run(document: Callable[[], str], description: str) -> None:
+    """The command line of one benchmark: print its document."""
+    parser = argparse.ArgumentParser(description=description.partition("\n")[0])
+    parser.add_argument("--threads", type=int, default=2, help="of torch (default 2)")
+    torch.set_num_threads(parser.parse_args().threads)
+    print(document())
