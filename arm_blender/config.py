@@ -11,9 +11,11 @@ from .errors import ArmError
 from .models import instant_albedo, reconstruction
 from .models.instant_albedo import InstantAlbedoConfig
 from .models.reconstruction import ReconstructionConfig
+from .uv.backproject import BLENDS
 
 PresetName = Literal["small", "paper"]
 QualityName = Literal["draft", "balanced", "final"]
+BlendName = Literal["robust", "weighted", "sharpest"]
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class Quality:
     grid: int
     """Samples of the density along a side of the box."""
     faces: int
-    """Face budget; xatlas takes about 0.1 s for each thousand."""
+    """Face budget."""
     texture_size: int
     """Largest texels a side; a smaller atlas is made where the views cannot fill it."""
 
@@ -75,12 +77,18 @@ class Settings:
     threads: int | None = None
     """Of the CPU; None leaves torch's choice."""
     time_limit: float = 60.0
-    """Seconds that xatlas may take before projected charts take over."""
+    """Seconds that unwrapping may take before charts are packed without xatlas."""
+    blend: BlendName = "robust"
+    """How views that see the same texel share it (`BLENDS`)."""
     mesh: Path | None = None
     """A mesh of the user's: it keeps its shape, and its UVs if it has them."""
 
     def __post_init__(self) -> None:
-        for name, value, known in (("preset", self.preset, PRESETS), ("quality", self.quality, QUALITIES)):
+        for name, value, known in (
+            ("preset", self.preset, PRESETS),
+            ("quality", self.quality, QUALITIES),
+            ("blend", self.blend, BLENDS),
+        ):
             if value not in known:
                 raise ArmError(f"--{name} {value}: unknown; choose one of {', '.join(known)}")
         self._check_machine()

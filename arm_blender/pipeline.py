@@ -21,7 +21,7 @@ from .progress import Progress, part, silent
 from .report import Report
 from .structures import MaterialMaps, RelightableAsset, TexelMap, TriangleMesh, UvMesh, ViewSet
 from .uv import maps
-from .uv.backproject import backproject, blend, texture_size_for
+from .uv.backproject import BLENDS, backproject, blend, texture_size_for
 from .uv.decimate import clean, decimate
 from .uv.mesh_file import read_mesh
 from .uv.texels import texel_map
@@ -127,7 +127,7 @@ def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report,
     progress(0.0, "back-projecting the views")
     texels = texel_map(mesh, size)
     seen = backproject(mesh, texels, views)
-    colors, weight = blend(seen, views.weights)
+    colors, weight = blend(seen, views.weights, BLENDS[settings.blend])
     known = (weight > 0.0) & texels.mask
     report.seen_share = float(known.sum() / texels.mask.sum().clamp(min=1))
     if report.seen_share == 1.0:

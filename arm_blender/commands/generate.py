@@ -59,6 +59,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     views.add_argument("--fovy", type=float, metavar="DEG", help="of a single image or the rig (default: 30)")
     views.add_argument("--view-weights", type=view_weights, metavar="W,W,...", help="how much each view counts")
     views.add_argument("--multiview", default="none", help="what makes further views of a single image (default: none)")
+    views.add_argument("--blend", default="robust", help="of views on a texel: robust, weighted or sharpest")
     result = parser.add_argument_group("result")
     result.add_argument("--mesh", type=Path, metavar="FILE", help="your mesh: only its texture is made")
     result.add_argument("--place", choices=("cameras", "ground"), default="cameras", help="where the object stands")
@@ -138,8 +139,8 @@ def settings_of(args: argparse.Namespace) -> Settings:
     """
     from ..config import Settings
 
-    names = ("preset", "quality", "texture_size", "faces", "grid", "dense", "seed", "device", "threads", "mesh")
-    values = {name: getattr(args, name) for name in names}
+    names = "preset quality texture_size faces grid dense seed device threads blend mesh"
+    values = {name: getattr(args, name) for name in names.split()}
     if args.time_limit is not None:
         values["time_limit"] = args.time_limit
     try:

@@ -52,6 +52,15 @@ class BlendConfig:
     """Of finding what the views agree on. Fewer leave a strong outlier its pull."""
 
 
+BLENDS: dict[str, BlendConfig] = {
+    "robust": BlendConfig(),
+    "weighted": BlendConfig(rounds=0),
+    "sharpest": BlendConfig(cosine_power=32.0),
+}
+"""How views that see the same texel are blended: a view that disagrees with the others is voted out; all count by
+their angle and weight; or almost only the one that looks most squarely does."""
+
+
 @torch.no_grad()
 def backproject(
     mesh: UvMesh, texels: TexelMap, views: ViewSet, config: BackprojectConfig = BackprojectConfig()

@@ -10,7 +10,7 @@ from torch import Tensor
 from arm_blender.graphics.cameras import Camera, orbit_camera, project
 from arm_blender.graphics.rasterize import interpolate, rasterize
 from arm_blender.structures import TexelMap, TexelViews, UvMesh, ViewSet
-from arm_blender.uv.backproject import BlendConfig, backproject, blend, texture_size_for
+from arm_blender.uv.backproject import BLENDS, BlendConfig, backproject, blend, texture_size_for
 from arm_blender.uv.texels import texel_map
 
 
@@ -225,6 +225,18 @@ def test_of_three_views_the_one_that_disagrees_counts_for_little() -> None:
         assert float(blend(seen, torch.ones(3))[0][0]) == pytest.approx(0.42, abs=0.03)
     agreeing = conflicting([0.4, 0.4, 0.4], [0.7, 1.0, 0.7])
     assert float(blend(agreeing, torch.ones(3))[0][0]) == pytest.approx(0.4)
+
+
+def test_blends_differ_in_what_an_outlier_may_do() -> None:
+    seen = conflicting([0.40, 1.0, 0.44], [0.7, 1.0, 0.7])  # The outlier looks most squarely.
+    found = {name: float(blend(seen, torch.ones(3), config)[0][0]) for name, config in BLENDS.items()}
+    share = 0.7**4
+    assert found["weighted"] == pytest.approx((0.84 * share + 1.0) / (1.0 + 2.0 * share))
+    assert found["robust"] < 0.45 < 0.6 < found["weighted"]
+    # Two views never outvote each other: then the squarer one is nearly all that `sharpest` shows.
+    seen = conflicting([0.2, 0.8], [1.0, 0.8])
+    assert float(blend(seen, torch.ones(2), BLENDS["sharpest"])[0][0]) == pytest.approx(0.2, abs=1e-3)
+    assert float(blend(seen, torch.ones(2), BLENDS["robust"])[0][0]) > 0.3
 
 
 def test_a_texture_is_no_larger_than_the_views_can_fill() -> None:

@@ -1,48 +1,76 @@
-"""`python -m training sweep`: error against run time over grids and face budgets.
+"""`python -m training sweep`: error against run time, each knob in turn, and the Pareto front of all that was run.
 
-Each combination is run on the same objects. The seconds of the unwrapping stand beside those of the geometry, because
-that is what a larger face budget really costs.
+Each point runs the whole pipeline on the same objects; around the quality level `balanced` one knob is turned at a
+time, and the quality levels themselves are points as well.
 """
 
 import argparse
 import csv
 import io
-import itertools
 import logging
-import time
-from contextlib import suppress
-from dataclasses import astuple, dataclass, fields
+import math
+from collections.abc import Iterator
+from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
 
 import torch
 
+from arm_blender import pipeline
 from arm_blender.config import QUALITIES, Settings
-from arm_blender.errors import EmptyMeshError
-from arm_blender.uv.unwrap import UnwrapConfig, unwrap
+from arm_blender.errors import ArmError, EmptyMeshError
+from arm_blender.files import whole_file
+from arm_blender.uv.backproject import BLENDS
 
-from .evaluate import FAILED, add_object_arguments, reconstruct
+from .evaluate import FAILED, add_object_arguments
 from .geometry import compare
 from .objects import EvaluationObject, evaluation_objects
+from .rerender import rerender_psnr
 from .results import markdown_table, paragraphs, write_text
 
 logger = logging.getLogger(__name__)
 
-GRIDS = (64, 96, 128, 192, 256)
-FACES = (5_000, 10_000, 20_000, 40_000)
+GRIDS, FACES, TEXTURES, VIEWS = (48, 64, 96, 192, 256), (2_000, 5_000, 20_000, 40_000), (256, 512, 2048), (1, 2, 4)
+INPUTS = 6
+STAGES = ("shape", "unwrap", "appearance")
+
+
+@dataclass(frozen=True)
+class Point:
+    """One combination of knobs. `label` says which quality level it is, or which knob is turned."""
+
+    label: str
+    settings: Settings
+    views: int = INPUTS
 
 
 @dataclass(frozen=True)
 class SweepRow:
-    """Means over the objects of one combination; the field names are the columns of the CSV."""
+    """Means over the objects at one point; the field names are the columns of the CSV.
 
+    Attributes:
+        psnr: dB, of the baked colour rendered into all six views, those that were not given among them.
+        shape_seconds, unwrap_seconds, appearance_seconds: of the pipeline's stages.
+    """
+
+    label: str
     grid: int
     face_budget: int
+    texture_size: int
+    views: int
+    blend: str
     faces: float
     f_coarse: float
     f_fine: float
     chamfer: float
+    psnr: float
     shape_seconds: float
     unwrap_seconds: float
+    appearance_seconds: float
+
+    @property
+    def seconds(self) -> float:
+        """Of all stages."""
+        return self.shape_seconds + self.unwrap_seconds + self.appearance_seconds
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,47 +78,80 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_object_arguments(parser)
     parser.add_argument("--grids", type=int, nargs="*", default=GRIDS, help="samples a side")
     parser.add_argument("--faces", type=int, nargs="*", default=FACES, help="face budgets")
+    parser.add_argument("--textures", type=int, nargs="*", default=TEXTURES, help="largest texels a side")
+    parser.add_argument("--counts", type=int, nargs="*", default=VIEWS, help="numbers of views")
     parser.add_argument("--output", type=Path, default=Path("docs/error-and-time.md"), help="the CSV goes beside it")
+    parser.add_argument("--plot", type=Path, default=Path("docs/images/error-and-time.png"))
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run every combination, and those of the quality levels, and write the table and the CSV."""
+    """Run every point, and write the table, the CSV and the plot; the CSV grows with every point."""
     objects = evaluation_objects(args.views, args.data, tuple(args.set), args.split)[: args.limit]
-    chosen = set(itertools.product(args.grids, args.faces)) | {
-        (level.grid, level.faces) for level in QUALITIES.values()
-    }
-    with suppress(EmptyMeshError):
-        reconstruct(objects[0].views(), _settings(args, *min(chosen)))  # Loads the weights, untimed.
-    rows = []
-    for grid, faces in sorted(chosen):
-        rows.append(combination(objects, _settings(args, grid, faces), args.seed))
+    chosen = list(points(args))
+    measure(objects[:1], chosen[0], args.seed)  # Loads the weights, untimed.
+    rows: list[SweepRow] = []
+    for point in chosen:
+        rows.append(measure(objects, point, args.seed))
         logger.info("%s", rows[-1])
-    write_text(args.output.with_suffix(".csv"), csv_text(rows))
-    write_text(args.output, document(rows, len(objects), args.command))
+        write_text(args.output.with_suffix(".csv"), csv_text(rows))
+    write_text(args.output, document(rows, len(objects), args.command, args.plot.relative_to(args.output.parent)))
+    plot(rows, args.plot)
     print(args.output)
     return 0
 
 
-def combination(objects: list[EvaluationObject], settings: Settings, seed: int) -> SweepRow:
-    """Means over the objects at one grid and one face budget, which `settings` hold; without a surface one fails."""
-    totals = torch.zeros(6, dtype=torch.float64)
+def points(args: argparse.Namespace) -> Iterator[Point]:
+    """The quality levels, and every knob of `balanced` turned by itself."""
+    base = Settings(preset=args.preset, device=args.device, seed=args.seed)
+    for level in QUALITIES:
+        yield Point(level, replace(base, quality=level))
+    for name, values in (("grid", args.grids), ("faces", args.faces), ("texture_size", args.textures)):
+        yield from (Point(name.replace("_", " "), replace(base, **{name: value})) for value in values)
+    yield from (Point("views", base, count) for count in args.counts)
+    yield from (Point("blend", replace(base, blend=name)) for name in BLENDS if name != base.blend)
+
+
+def measure(objects: list[EvaluationObject], point: Point, seed: int) -> SweepRow:
+    """Means over the objects at one point; an object without a surface counts as failed."""
+    totals = torch.zeros(5 + len(STAGES), dtype=torch.float64)
     for item in objects:
         views = item.views()
-        start = time.perf_counter()
+        if len(views.cameras) != INPUTS:
+            raise ArmError(f"{item.folder}: {len(views.cameras)} views; a sweep takes {INPUTS}")
         try:
-            mesh = reconstruct(views, settings)
+            asset, report = pipeline.generate(views.only(spread(point.views)), point.settings)
         except EmptyMeshError as error:
             logger.warning("%s: %s", item.name, error)
-            totals += torch.tensor([0.0, *astuple(FAILED), time.perf_counter() - start, 0.0], dtype=torch.float64)
+            totals += torch.tensor([0.0, *astuple(FAILED), math.nan, *([0.0] * len(STAGES))], dtype=torch.float64)
             continue
-        shaped = time.perf_counter()
-        unwrap(mesh, UnwrapConfig())
-        unwrapped = time.perf_counter()
-        scores = compare(mesh, item.truth(), seed=seed)
-        totals += torch.tensor(
-            [len(mesh.faces), *astuple(scores), shaped - start, unwrapped - shaped], dtype=torch.float64
-        )
-    return SweepRow(settings.grid, settings.faces, *(totals / len(objects)).tolist())
+        scores = compare(asset.mesh, item.truth(), seed=seed)
+        seconds = [report.seconds[stage] for stage in STAGES]
+        numbers = [len(asset.mesh.faces), *astuple(scores), rerender_psnr(asset, views), *seconds]
+        totals += torch.tensor(numbers, dtype=torch.float64)
+    level = point.settings.resolved
+    return SweepRow(
+        point.label,
+        level.grid,
+        level.faces,
+        level.texture_size,
+        point.views,
+        point.settings.blend,
+        *(totals / len(objects)).tolist(),
+    )
+
+
+def spread(count: int) -> list[int]:
+    """Indices of `count` of the six views, as far around the object from one another as can be."""
+    return sorted({round(i * INPUTS / count) for i in range(count)})
+
+
+def pareto(rows: list[SweepRow], error: str) -> list[SweepRow]:
+    """The rows that no other row beats both in seconds and in `error` (a field, smaller is better), fastest first."""
+    front: list[SweepRow] = []
+    for row in sorted(rows, key=lambda r: (r.seconds, getattr(r, error))):
+        if not front or getattr(row, error) < getattr(front[-1], error):
+            front.append(row)
+    return front
 
 
 def csv_text(rows: list[SweepRow]) -> str:
@@ -102,36 +163,67 @@ def csv_text(rows: list[SweepRow]) -> str:
     return file.getvalue()
 
 
-def document(rows: list[SweepRow], objects: int, command: str) -> str:
-    """The Markdown document: what was measured, the table, and the command that made it."""
-    levels = {(level.grid, level.faces): name for name, level in QUALITIES.items()}
-    header = ["quality", "grid", "face budget", "faces", "F@0.1", "F@0.02", "CD", "geometry s", "unwrap s", "sum s"]
-    table = markdown_table(
-        header,
-        [
-            [
-                levels.get((r.grid, r.face_budget), ""),
-                r.grid,
-                r.face_budget,
-                round(r.faces),
-                r.f_coarse,
-                r.f_fine,
-                f"{r.chamfer:.4f}",
-            ]
-            + [f"{seconds:.1f}" for seconds in (r.shape_seconds, r.unwrap_seconds, r.shape_seconds + r.unwrap_seconds)]
-            for r in rows
-        ],
-    )
+def document(rows: list[SweepRow], objects: int, command: str, picture: Path) -> str:
+    """The Markdown document: what was measured, the table, the plot, and the command that made it."""
+    header = ["turned", "grid", "face budget", "texels", "views", "blend", "faces", "F@0.1", "F@0.02", "CD", "PSNR"]
+    header += ["shape s", "unwrap s", "appearance s", "sum s"]
+    table = []
+    for r in rows:
+        knobs = [r.label, r.grid, r.face_budget, r.texture_size, r.views, r.blend, round(r.faces)]
+        seconds = (r.shape_seconds, r.unwrap_seconds, r.appearance_seconds, r.seconds)
+        table.append(
+            [*knobs, r.f_coarse, r.f_fine, f"{r.chamfer:.4f}", f"{r.psnr:.1f}", *(f"{s:.1f}" for s in seconds)]
+        )
+    front = ", ".join(_name(row) for row in pareto(rows, "chamfer"))
     return paragraphs(
         "# Error against run time",
-        f"Means over {objects} objects, on {torch.get_num_threads()} CPU threads. *Grid*: samples a side of the "
-        "density. *Face budget*: what the mesh is decimated to. F-scores and the Chamfer distance (CD) compare 100,000 "
-        "points of each surface with the truth, whose longest side is 2. *Geometry*: from posed views to the decimated "
-        "mesh; *unwrap*: the atlas of that mesh.",
-        table,
+        f"Means over {objects} objects, on {torch.get_num_threads()} CPU threads. The first rows are the quality "
+        "levels; in the others one knob of *balanced* is turned. F-scores and the Chamfer distance (CD) compare "
+        "100,000 points of each surface with the truth, whose longest side is 2. *PSNR*: the baked colour rendered "
+        "into all six views, in dB. Seconds are those of the stages of `generate`, without reading and writing files.",
+        f"![Error against run time]({picture.as_posix()})",
+        markdown_table(header, table),
+        f"The Pareto front of the Chamfer distance, fastest first: {front}.",
         f"Made by `{command}`; the same numbers stand in the CSV beside this file.",
     )
 
 
-def _settings(args: argparse.Namespace, grid: int, faces: int) -> Settings:
-    return Settings(preset=args.preset, device=args.device, grid=grid, faces=faces)
+def plot(rows: list[SweepRow], path: Path) -> None:
+    """Two panels: Chamfer distance and PSNR against the seconds of all stages, with their Pareto fronts."""
+    import matplotlib
+
+    matplotlib.use("agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(1, 2, figsize=(11, 4.2), layout="constrained")
+    losses = [replace(row, psnr=-row.psnr) for row in rows]
+    for panel, name, title, sign in (
+        (axes[0], "chamfer", "Chamfer distance (smaller is better)", 1.0),
+        (axes[1], "psnr", "PSNR of the baked colour, dB (larger is better)", -1.0),
+    ):
+        front = pareto(losses, name)
+        panel.plot([r.seconds for r in front], [sign * getattr(r, name) for r in front], color="0.6", label="front")
+        for label in dict.fromkeys(row.label for row in rows):
+            group = [row for row in losses if row.label == label]
+            marker = "*" if label in QUALITIES else "o"
+            panel.plot(
+                [r.seconds for r in group],
+                [sign * getattr(r, name) for r in group],
+                marker,
+                markersize=13 if marker == "*" else 6,
+                label=label,
+            )
+        panel.set(xlabel="seconds", title=title)
+        panel.grid(alpha=0.3)
+    axes[1].legend(fontsize=8)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=110)
+    pyplot.close(figure)
+
+
+def _name(row: SweepRow) -> str:
+    if row.label in QUALITIES:
+        return f"*{row.label}*"
+    values = {"grid": row.grid, "faces": row.face_budget, "texture size": row.texture_size, "views": row.views}
+    return f"{row.label} {values.get(row.label, row.blend)}"

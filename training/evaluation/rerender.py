@@ -1,0 +1,45 @@
+"""How well an asset reproduces the views that it was made from: its baked colour, rendered and compared."""
+
+import math
+
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+from arm_blender.graphics.color import srgb_from_linear
+from arm_blender.graphics.rasterize import interpolate, rasterize
+from arm_blender.structures import RelightableAsset, ViewSet
+
+OPAQUE = 0.99
+"""Coverage of the pixels that are compared: others mix the object with what is behind it."""
+
+
+@torch.no_grad()
+def rerender_psnr(asset: RelightableAsset, views: ViewSet) -> float:
+    """PSNR in dB, in sRGB, over all pixels of all views that show the object and are covered by the asset.
+
+    Args:
+        asset: in the frame of the cameras.
+        views: linear, straight alpha.
+    Returns:
+        infinity where all agree, NaN where there is nothing to compare.
+    """
+    squared, count = 0.0, 0
+    for image, camera in zip(views.images, views.cameras, strict=True):
+        fragments = rasterize(asset.mesh.vertices, asset.mesh.faces, camera)
+        compared = fragments.mask & (image[3] >= OPAQUE)
+        uv = interpolate(asset.mesh.uvs, asset.mesh.face_uvs, fragments)[:, compared].T
+        found = _texture_at(asset.maps.baked, uv)
+        error = srgb_from_linear(found) - srgb_from_linear(image[:3, compared].T)
+        squared += float(error.double().square().sum())
+        count += error.numel()
+    if not count:
+        return math.nan
+    return math.inf if squared == 0.0 else -10.0 * math.log10(squared / count)
+
+
+def _texture_at(texture: Tensor, uv: Tensor) -> Tensor:
+    """(P, 3) bilinear colours of (3, T, T) at (P, 2); row 0 of the texture is v = 1."""
+    grid = torch.stack([2.0 * uv[:, 0] - 1.0, 1.0 - 2.0 * uv[:, 1]], dim=1)
+    found = F.grid_sample(texture[None], grid[None, :, None], padding_mode="border", align_corners=False)
+    return found[0, :, :, 0].T
