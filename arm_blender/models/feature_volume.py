@@ -16,6 +16,12 @@ from .pixel_aligned import ViewFeatures
 GEOMETRY = 11
 """Numbers that a cell knows beside the image features."""
 
+COLORS = 7
+"""Numbers that a cell knows of the views' colours: their mean, their spread, and how many views show it."""
+
+SEEN = 0.45
+"""World units behind the visual hull up to which a view's colour counts in a cell: as much as hulls bulge."""
+
 
 @dataclass(frozen=True)
 class FeatureVolumeConfig:
@@ -31,6 +37,8 @@ class FeatureVolumeConfig:
     views count alike, also those that cannot see the cell; the shipped weights were made so."""
     votes: bool = False
     """The volume has a say in the raw values past the decoder, and a loss of its own in training."""
+    colors: bool = False
+    """Cells compare the colours that the views show there: where the surface is, they agree."""
 
 
 class ResidualBlock(nn.Module):
@@ -54,7 +62,7 @@ class FeatureVolume(nn.Module):
         super().__init__()
         self.config = config
         fine, middle, coarse = (config.channels * 2**level for level in range(3))
-        self.lift = nn.Conv3d(2 * features + GEOMETRY, fine, 1)
+        self.lift = nn.Conv3d(2 * features + GEOMETRY + (COLORS if config.colors else 0), fine, 1)
         self.fine_in, self.fine_out = ResidualBlock(fine), ResidualBlock(fine)
         self.middle_in, self.middle_out = ResidualBlock(middle), ResidualBlock(middle)
         self.coarse = nn.Sequential(ResidualBlock(coarse), ResidualBlock(coarse))
@@ -91,6 +99,8 @@ class FeatureVolume(nn.Module):
             total.squeeze(-1) / 6.0,
         ]
         cells = torch.cat([mean, spread, torch.stack(geometry, dim=-1), points], dim=-1)
+        if self.config.colors:
+            cells = torch.cat([cells, compared_colors(seen.sample(views.colors), front, seen.framed)], dim=-1)
         return cells.transpose(1, 2).unflatten(-1, (self.config.grid,) * 3)
 
     def pooled(self, features: Tensor, front: Tensor, framed: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -122,6 +132,34 @@ class FeatureVolume(nn.Module):
         coarse = self.coarse(self.down2(middle))
         middle = self.middle_out(middle + F.interpolate(self.up2(coarse), scale_factor=2, mode="nearest"))
         return self.fine_out(fine + F.interpolate(self.up1(middle), scale_factor=2, mode="nearest"))
+
+
+def object_colors(images: Tensor, background: float, side: int) -> Tensor:
+    """(N, 4, side, side) mean sRGB of the object in each square of pixels, less a half, and coverage.
+
+    Args:
+        images: (N, 4, S, S) sRGB composited on a grey level, then coverage. background: that grey level.
+    """
+    own = torch.cat([images[:, :3] - (1.0 - images[:, 3:]) * background, images[:, 3:]], dim=1)
+    own = F.adaptive_avg_pool2d(own, side)
+    return torch.cat([(own[:, :3] / own[:, 3:].clamp(min=1e-3) - 0.5) * (own[:, 3:] > 0.05), own[:, 3:]], dim=1)
+
+
+def compared_colors(found: Tensor, front: Tensor, framed: Tensor) -> Tensor:
+    """What cells know of the colours of views that may see them.
+
+    Args:
+        found: (B, V, P, 4) colours and coverage as of `object_colors`.
+        front, framed: (B, V, P) as in `FeatureVolume.pooled`.
+    Returns:
+        (B, P, COLORS).
+    """
+    color, coverage = found[..., :3], found[..., 3]
+    weight = (framed * coverage * ((front + SEEN) / 0.15).sigmoid()).unsqueeze(-1)
+    total = weight.sum(dim=1)
+    mean = (weight * color).sum(dim=1) / (total + 1e-3)
+    variance = (weight * (color - mean.unsqueeze(1)).square()).sum(dim=1) / (total + 1e-3)
+    return torch.cat([2.0 * mean, ((variance + 1e-5).sqrt() * 8.0).tanh(), total / 3.0], dim=-1)
 
 
 def sample_volume(volume: Tensor, points: Tensor) -> Tensor:

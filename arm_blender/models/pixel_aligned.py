@@ -41,11 +41,14 @@ class ViewFeatures:
         maps: (B, V, C, h, w) image features.
         depth: (B, V, 1, h, w) predicted depth of the visible surface beyond the origin's, world units.
         outlines: of the views, where points are found.
+        colors: (B, V, 4, h, w) sRGB of the object less a half, 0 where it is not, and coverage; None where the feature
+            volume does not compare colours.
     """
 
     maps: Tensor
     depth: Tensor
     outlines: Outlines
+    colors: Tensor | None = None
 
 
 class ResidualConv(nn.Module):

@@ -11,7 +11,7 @@ from torch.nn import functional as F
 
 from ..graphics.color import composite, srgb_from_linear
 from ..structures import ViewSet, stack_cameras
-from .feature_volume import FeatureVolume, FeatureVolumeConfig, plane_columns, sample_volume
+from .feature_volume import FeatureVolume, FeatureVolumeConfig, object_colors, plane_columns, sample_volume
 from .image_encoder import ImageEncoder, ImageEncoderConfig, camera_embedding
 from .pixel_aligned import FeaturePyramid, PixelAlignedConfig, PointReader, ViewFeatures
 from .transformer import TransformerConfig, TriplaneTransformer
@@ -45,7 +45,7 @@ SMALL = ReconstructionConfig(
     upsampler=UpsamplerConfig(filters=48, blocks=1, growth=16, doublings=2, channels=16),
     decoder=DecoderConfig(hidden_layers=3, hidden=64),
     pixel_aligned=PixelAlignedConfig(normed=True),
-    volume=FeatureVolumeConfig(channels=24, hidden=0.2, votes=True),
+    volume=FeatureVolumeConfig(channels=24, hidden=0.2, votes=True, colors=True),
 )
 """The same modules, sized for two CPU cores, with pixel-aligned features."""
 
@@ -182,7 +182,10 @@ class ReconstructionModel(nn.Module):
         hull = F.interpolate(outlines.hull_depth(side // 4).flatten(0, 1), scale_factor=2, mode="nearest")
         maps, depth = self.pyramid(torch.cat([images, metric], dim=1), patches, hull)
         shape = views.images.shape[:2]
-        return ViewFeatures(maps.unflatten(0, shape), depth.unflatten(0, shape), outlines)
+        colors = None
+        if self.config.volume.colors:
+            colors = object_colors(images, self.config.background, side // 4).unflatten(0, shape)
+        return ViewFeatures(maps.unflatten(0, shape), depth.unflatten(0, shape), outlines, colors)
 
     def starting_tokens(self, volume: Tensor) -> Tensor:
         """What the plane tokens start from: (B, 3 * R * R, D)."""

@@ -1,7 +1,8 @@
-"""Samples that need no rendering: outlines of known meshes, stretched and turned at random, and what is solid in them.
+"""Samples that need no rendering: outlines and colours of known meshes, stretched and turned at random.
 
-What outlines alone tell of a shape (that a facet of the visual hull is seldom a facet of the object) has no need of
-pictures, and learning it wants far more shapes than there are objects.
+What outlines tell of a shape (that a facet of the visual hull is seldom a facet of the object), and where views agree
+on a colour, has no need of new pictures, and learning it wants far more shapes than there are objects. A point of the
+surface has the colour of the nearest point that some picture of the object shows.
 """
 
 import logging
@@ -11,10 +12,12 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from scipy.spatial import cKDTree
 from torch import Tensor
 
-from arm_blender.graphics.cameras import Camera, orbit_camera
-from arm_blender.graphics.rasterize import rasterize_views
+from arm_blender.graphics.cameras import Camera, orbit_camera, unproject
+from arm_blender.graphics.rasterize import Fragments, rasterize_views
+from arm_blender.models.feature_volume import object_colors
 from arm_blender.models.visual_hull import Outlines, signed_silhouette_distance
 from arm_blender.structures import TriangleMesh, stack_cameras
 from arm_blender.views.rigs import AZIMUTHS_DEG, ELEVATIONS_DEG
@@ -24,8 +27,14 @@ from .point_samples import is_held_out
 
 logger = logging.getLogger(__name__)
 
-SIZE = 128
+SIZE = 160
 """Pixels a side of the outlines."""
+
+COLORED = 80
+"""Pixels a side at which colours are looked up; the network's cells compare squares of two by two."""
+
+CLOUD = 16_000
+"""Coloured points kept of one rendered rig: 0.02 world units apart on the surface."""
 
 FRAME = 3.2
 """World units that a view frames at the origin."""
@@ -33,24 +42,38 @@ FRAME = 3.2
 MOST_FACES = 50_000
 """An object of more is left out: its outlines take longer to draw than a step takes."""
 
+HULL_SIDE = 40
+"""Pixels a side of the colours that cells compare, and of the hull's depth: what the network takes of a picture."""
+
 STRETCH = 0.4
 """Largest logarithm of the factor along an axis."""
 
 
 @dataclass(frozen=True)
 class Solid:
-    """An object as points that are inside or outside: mesh, points (P, 3), signed distance (P,) as in occupancy.npz."""
+    """An object, its points inside and outside, and its colours.
+
+    Attributes:
+        mesh: its surface.
+        points, distance: (P, 3) and (P,) as in occupancy.npz.
+        clouds: of each rendered rig, surface points (C, 3) float32 and sRGB colours (C, 3) uint8, as that rig is lit.
+    """
 
     mesh: TriangleMesh
     points: Tensor
     distance: Tensor
+    clouds: tuple[tuple[np.ndarray, np.ndarray], ...]
 
 
 @dataclass(frozen=True)
 class OutlineBatch:
-    """B objects: outlines of six views, points (B, P, 3) and their signed distances (B, P), world units."""
+    """B objects: outlines of six views, points (B, P, 3) and their signed distances (B, P), world units.
+
+    `colors` (B, V, 4, h, w) are those of `ViewFeatures`.
+    """
 
     outlines: Outlines
+    colors: Tensor
     points: Tensor
     distance: Tensor
 
@@ -64,21 +87,39 @@ def load_solids(folder: Path) -> list[Solid]:
         mesh = shards.read_mesh(path)
         with np.load(path.with_name("occupancy.npz")) as file:
             points, distance = torch.from_numpy(file["points"]), torch.from_numpy(file["distance"])
-        if len(mesh.faces) <= MOST_FACES and int((distance > 0).sum()) > 100:
-            solids.append(Solid(mesh, points, distance))
+        if len(mesh.faces) <= MOST_FACES and int((distance > 0).sum()) > 100 and any(path.parent.glob("rig_*.npz")):
+            clouds = tuple(_cloud(rig) for rig in sorted(path.parent.glob("rig_*.npz")))
+            solids.append(Solid(mesh, points, distance, clouds))
     logger.info("%d solids", len(solids))
     return solids
 
 
+def _cloud(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """What all pictures of a rig show, as points (C, 3) and colours (C, 3)."""
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in ("rgba", "depth", "c2w", "K")}
+    points, colors = [], []
+    for rgba, depth, camera in zip(arrays["rgba"], arrays["depth"], shards.cameras(arrays), strict=True):
+        # Pixels at the outline mix the object with what is behind it.
+        row, column = np.nonzero((rgba[..., 3] == 255) & np.isfinite(depth))
+        pixels = torch.from_numpy(np.stack([column, row], axis=1)).float() + 0.5
+        points.append(unproject(pixels, torch.from_numpy(depth[row, column].astype(np.float32)), camera).numpy())
+        colors.append(rgba[row, column, :3])
+    points, colors = np.concatenate(points), np.concatenate(colors)
+    kept = np.random.default_rng(0).permutation(len(points))[:CLOUD]
+    return points[kept], colors[kept]
+
+
 def batch(solids: list[Solid], count: int, points: int, generator: torch.Generator) -> OutlineBatch:
     """`count` of the objects, each stretched, turned and seen anew, at `points` points."""
-    drawn = [
-        _seen(_moved(solids[int(torch.randint(len(solids), (), generator=generator))], generator), points, generator)
-        for _ in range(count)
-    ]
+    drawn = []
+    for _ in range(count):
+        solid = solids[int(torch.randint(len(solids), (), generator=generator))]
+        drawn.append(_seen(solid, _moved(solid, generator), points, generator))
     outlines = [sample.outlines for sample in drawn]
     return OutlineBatch(
         Outlines(*(torch.cat([getattr(o, name) for o in outlines]) for name in ("silhouette", "c2w", "K"))),
+        torch.cat([sample.colors for sample in drawn]),
         torch.cat([sample.points for sample in drawn]),
         torch.cat([sample.distance for sample in drawn]),
     )
@@ -119,7 +160,8 @@ def _moved(solid: Solid, generator: torch.Generator) -> Solid:
     points = (solid.points.float() @ linear.T - center) * scale
     distance = solid.distance.float() * (scale * float(stretch.prod()) ** (1.0 / 3.0))
     kept = points.abs().amax(dim=1) <= 1.0
-    return Solid(TriangleMesh((vertices - center) * scale, solid.mesh.faces), points[kept], distance[kept])
+    mesh = TriangleMesh((vertices - center) * scale, solid.mesh.faces)
+    return Solid(mesh, points[kept], distance[kept], solid.clouds)
 
 
 def _rig(generator: torch.Generator) -> list[Camera]:
@@ -135,13 +177,37 @@ def _rig(generator: torch.Generator) -> list[Camera]:
     ]
 
 
-def _seen(solid: Solid, points: int, generator: torch.Generator) -> OutlineBatch:
-    """Its outlines in a rig, and some of its points; B = 1."""
+def _seen(solid: Solid, moved: Solid, points: int, generator: torch.Generator) -> OutlineBatch:
+    """What a rig sees of `moved`, which is `solid` stretched and turned, and some of its points; B = 1."""
     cameras = _rig(generator)
-    coverage = rasterize_views(solid.mesh.vertices, solid.mesh.faces, cameras).mask.float()
+    fragments = rasterize_views(moved.mesh.vertices, moved.mesh.faces, cameras)
+    coverage = fragments.mask.float()
     silhouette = torch.stack([coverage, signed_silhouette_distance(coverage)], dim=1)
     c2w, K = stack_cameras(cameras)
-    chosen = torch.randint(len(solid.points), (points,), generator=generator)
+    chosen = torch.randint(len(moved.points), (points,), generator=generator)
     return OutlineBatch(
-        Outlines(silhouette[None], c2w[None], K[None]), solid.points[chosen][None], solid.distance[chosen][None]
+        Outlines(silhouette[None], c2w[None], K[None]),
+        _colors(solid, fragments, generator)[None],
+        moved.points[chosen][None],
+        moved.distance[chosen][None],
     )
+
+
+def _colors(solid: Solid, fragments: Fragments, generator: torch.Generator) -> Tensor:
+    """(V, 4, h, w) as in `ViewFeatures`: what pixels show of `solid`, under one of the lights it was rendered in."""
+    step = SIZE // COLORED
+    face_id, barycentric = fragments.face_id[:, ::step, ::step], fragments.barycentric[:, :, ::step, ::step]
+    view, row, column = (face_id >= 0).nonzero(as_tuple=True)
+    corner = solid.mesh.vertices[solid.mesh.faces[face_id[view, row, column]]]  # (P, 3, 3)
+    place = (barycentric[view, :, row, column][..., None] * corner).sum(dim=1)
+    positions, shown = solid.clouds[int(torch.randint(len(solid.clouds), (), generator=generator))]
+    image = torch.zeros(len(face_id), 4, COLORED, COLORED)
+    if len(positions) and len(place):
+        nearest = cKDTree(positions, balanced_tree=False, compact_nodes=False).query(place.numpy())[1]
+        color = torch.from_numpy(shown[nearest]).float() / 255.0
+        # Of another exposure and tint, and the channels in another order; views differ a little.
+        gain = torch.empty(3).uniform_(0.6, 1.3, generator=generator)
+        gain = gain * torch.empty(len(face_id), 1).uniform_(0.95, 1.05, generator=generator)
+        color = (color[:, torch.randperm(3, generator=generator)] * gain[view]).clamp(max=1.0)
+        image[view, :, row, column] = torch.cat([color, torch.ones(len(color), 1)], dim=1)
+    return object_colors(image, 0.0, HULL_SIDE)

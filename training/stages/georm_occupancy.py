@@ -78,7 +78,7 @@ def outline_loss(model: GeoRM, batch: OutlineBatch, bfloat16: bool) -> Tensor:
     with torch.no_grad():
         hull = batch.outlines.hull_distance(batch.points)
     with torch.autocast(batch.points.device.type, torch.bfloat16, enabled=bfloat16):
-        encoded = encode_outlines(model, batch.outlines)
+        encoded = encode_outlines(model, batch.outlines, batch.colors)
     return occupancy_loss(model.coarse_logit(encoded.float(), batch.points), batch.distance, hull)
 
 

@@ -1,4 +1,4 @@
-"""Before GeoRM's other stages: the feature volume learns from outlines alone what shapes are like.
+"""Before GeoRM's other stages: the feature volume learns from outlines and colours what shapes are like.
 
 Not in the paper. The volume sees no image features, and for depth where rays meet the visual hull. It and its vote
 learn; nothing is rendered, and no shape comes twice.
@@ -10,12 +10,14 @@ import torch
 from torch import Tensor
 
 from arm_blender import checkpoints
+from arm_blender.models.feature_volume import object_colors
 from arm_blender.models.georm import GeoRM
 from arm_blender.models.reconstruction import SMALL, NetworkViews
 from arm_blender.models.visual_hull import Outlines
 
 from .. import distributed, trainer
 from ..datasets import outline_samples, point_samples
+from ..datasets.point_samples import expanded
 from ..trainer import Trainer, TrainerConfig
 from .georm_occupancy import outline_loss, validate
 from .view_side import encode_outlines
@@ -47,7 +49,9 @@ def run(args: argparse.Namespace) -> int:
     def check(averaged: GeoRM) -> dict[str, float]:
         def logit(views: NetworkViews, points: Tensor) -> Tensor:
             outlines = Outlines(views.silhouette.float(), views.c2w, views.K)
-            return averaged.coarse_logit(encode_outlines(averaged, outlines), points)
+            pictures = expanded(views).images.flatten(0, 1)
+            colors = object_colors(pictures, SMALL.background, outline_samples.HULL_SIDE)[None]
+            return averaged.coarse_logit(encode_outlines(averaged, outlines, colors), points)
 
         return validate(held_out, logit)
 

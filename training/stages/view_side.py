@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
-from torch import nn
+from torch import Tensor, nn
+from torch.nn import functional as F
 
 from arm_blender.errors import ArmError
 from arm_blender.models.georm import GeoRM
@@ -18,15 +19,13 @@ from arm_blender.models.pixel_aligned import ViewFeatures
 from arm_blender.models.reconstruction import EncodedViews, NetworkViews
 from arm_blender.models.visual_hull import Outlines
 
+from ..datasets.outline_samples import HULL_SIDE
 from ..datasets.point_samples import PointSample, expanded
 
 Network = GeoRM | GlossyRM
 
 VIEW_SIDE = ("encoder", "pyramid", "transformer", "upsampler", "start")
 """Modules of a `ReconstructionModel`."""
-
-HULL_SIDE = 40
-"""Pixels a side at which outlines alone are given a depth: what the network takes of a picture's hull."""
 
 
 @dataclass(frozen=True)
@@ -62,24 +61,34 @@ class Once:
 
     @torch.no_grad()
     def load(self, path: Path) -> PointSample:
-        """A sample whose images are features, and last the predicted depth."""
+        """A sample whose images are features, colours if they are compared, and last the predicted depth."""
         sample = self._load(path)
         features = self.network.model.look(expanded(sample.views))[1]
-        images = torch.cat([features.maps, features.depth], dim=2).half()
-        return replace(sample, views=replace(sample.views, images=images))
+        parts = [features.maps, features.depth]
+        if features.colors is not None:
+            size = features.maps.shape[-2:]
+            parts.insert(1, F.interpolate(features.colors.flatten(0, 1), size=size).unflatten(0, parts[0].shape[:2]))
+        return replace(sample, views=replace(sample.views, images=torch.cat(parts, dim=2).half()))
 
     def encode(self, network: Network, views: NetworkViews) -> EncodedViews:
         """As `EveryStep.encode`."""
-        images = views.images.float()
+        channels = network.config.pixel_aligned.channels
+        maps, colors, depth = views.images.float().tensor_split((channels, views.images.shape[2] - 1), dim=2)
         outlines = Outlines(views.silhouette.float(), views.c2w, views.K)
-        return without_planes(network, ViewFeatures(images[:, :, :-1], images[:, :, -1:], outlines))
+        own = F.avg_pool2d(colors.flatten(0, 1), 2).unflatten(0, colors.shape[:2]) if colors.shape[2] else None
+        return without_planes(network, ViewFeatures(maps, depth, outlines, own))
 
 
-def encode_outlines(network: Network, outlines: Outlines) -> EncodedViews:
-    """What outlines alone tell: no image features (zero is their mean), and the visual hull for a depth."""
+def encode_outlines(network: Network, outlines: Outlines, colors: Tensor | None) -> EncodedViews:
+    """What outlines and colours tell without a network: no image features (zero is their mean), the hull for a depth.
+
+    Args:
+        colors: (B, V, 4, h, w) as in `ViewFeatures`.
+    """
     depth = outlines.hull_depth(HULL_SIDE)[:, :, 1:]
     maps = depth.new_zeros(*depth.shape[:2], network.config.pixel_aligned.channels, 1, 1)
-    return without_planes(network, ViewFeatures(maps.expand(-1, -1, -1, HULL_SIDE, HULL_SIDE), depth, outlines))
+    maps = maps.expand(-1, -1, -1, HULL_SIDE, HULL_SIDE)
+    return without_planes(network, ViewFeatures(maps, depth, outlines, colors))
 
 
 def without_planes(network: Network, features: ViewFeatures) -> EncodedViews:
