@@ -153,6 +153,20 @@ def test_a_torus_has_one_hole():
     assert volume(mesh) == pytest.approx(2.0 * math.pi**2 * 0.6 * 0.2**2, rel=2e-2)
 
 
+def test_a_body_of_two_holes_has_two():
+    """Two tori that touch: genus 2, Euler number 2 - 2 * 2."""
+
+    def density(p: Tensor) -> Tensor:
+        side = torch.tensor([0.42, 0.0, 0.0])
+        return torch.maximum(
+            *(ISO + 50.0 * (0.12 - torch.hypot((p + s * side)[:, :2].norm(dim=1) - 0.36, p[:, 2])) for s in (-1, 1))
+        )
+
+    mesh = extract(density, IsosurfaceConfig(64))
+    assert_closed(mesh)
+    assert euler_number(mesh) == -2
+
+
 def test_what_fills_the_box_ends_at_the_box():
     mesh = extract(lambda p: torch.full((len(p),), 20.0), IsosurfaceConfig(10))
     assert_closed(mesh)

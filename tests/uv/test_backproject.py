@@ -12,6 +12,7 @@ from arm_blender.graphics.rasterize import interpolate, rasterize
 from arm_blender.structures import TexelMap, TexelViews, UvMesh, ViewSet
 from arm_blender.uv.backproject import BLENDS, BlendConfig, backproject, blend, texture_size_for
 from arm_blender.uv.texels import texel_map
+from arm_blender.views.rigs import zero123plus_rig
 
 
 def boxes(*placed: tuple[tuple[float, float, float], float]) -> UvMesh:
@@ -80,6 +81,40 @@ def test_backprojecting_a_render_recovers_the_texture(view_size: int, texture_si
     # Averaging over a width w takes 0.4 * 4**2 * w**2 / 24 off the crests: 0.008 at two of the coarsest texels.
     assert float(error.mean()) < 0.008 and float(error.max()) < 0.06
     assert torch.equal(color[:, ~seen], torch.zeros_like(color[:, ~seen]))
+
+
+def test_rendering_the_back_projected_texture_reproduces_the_views() -> None:
+    """With the true mesh, to 35 dB: checks of 16 texels a period, in six views that overlap."""
+    mesh = boxes(((0.0, 0.0, 0.0), 0.9))
+
+    def fine(points: Tensor) -> Tensor:
+        return 0.5 + 0.4 * torch.sin(40.0 * points)
+
+    views = render(mesh, list(zero123plus_rig(distance=6.0, size=512)), fine)
+    color, total = blend(backproject(mesh, texel_map(mesh, 1024), views), views.weights)
+    squared, count = 0.0, 0
+    for image, camera in zip(views.images, views.cameras, strict=True):
+        fragments = rasterize(mesh.vertices, mesh.faces, camera)
+        u, v = interpolate(mesh.uvs, mesh.face_uvs, fragments)
+        grid = torch.stack([2.0 * u - 1.0, 1.0 - 2.0 * v], dim=-1)[None]
+        again = torch.nn.functional.grid_sample(
+            torch.cat([color, (total > 0)[None].float()])[None], grid, align_corners=False
+        )[0]
+        seen = fragments.mask & (again[3] > 0.999)
+        assert float(seen.sum() / fragments.mask.sum()) > 0.9
+        squared += float((again[:3] - image[:3])[:, seen].square().sum())
+        count += 3 * int(seen.sum())
+    assert -10.0 * math.log10(squared / count) > 35.0
+
+
+def test_a_white_object_before_black_does_not_darken() -> None:
+    mesh = boxes(((0.0, 0.0, 0.0), 0.8))
+    views = render(mesh, around(128)[::2], lambda points: torch.ones_like(points), background=0.0)
+    for size in (64, 200):
+        texels = texel_map(mesh, size)
+        color, total = blend(backproject(mesh, texels, views), views.weights)
+        assert (total > 0).sum() > 0.7 * texels.mask.sum()
+        assert float(color[:, total > 0].min()) > 1.0 - 1e-6
 
 
 def test_what_a_view_says_has_the_geometry_of_its_camera() -> None:
