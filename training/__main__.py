@@ -26,7 +26,7 @@ COMMANDS = {
     "credits": ("training.evaluation.credits", "list the sources of the training objects"),
 }
 STAGES = {
-    "georm-volume": ("training.stages.georm_volume", "the feature volume of GeoRM, from outlines alone"),
+    "georm-outlines": ("training.stages.georm_outlines", "GeoRM, from outlines and colours alone"),
     "georm": ("training.stages.georm_occupancy", "GeoRM, warmed up on occupancy"),
     "glossyrm": ("training.stages.glossyrm", "GlossyRM: roughness and metallic at surface points"),
     "instant-albedo": ("training.stages.instant_albedo", "InstantAlbedo: albedo and lighting-baked colour"),

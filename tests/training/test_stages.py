@@ -1,6 +1,7 @@
 """Losses and the commands of GeoRM's and GlossyRM's stages, on a made-up sample."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from arm_blender import checkpoints
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.models.georm import GeoRM
 from arm_blender.models.glossyrm import GlossyRM
-from arm_blender.models.reconstruction import SMALL, ReconstructionConfig
+from arm_blender.models.reconstruction import SMALL, EncodedViews, ReconstructionConfig
 from training import __main__ as command
 from training.datasets import point_samples
 from training.stages.georm_occupancy import TEMPERATURE, intersection_over_union, occupancy_loss
@@ -120,14 +121,23 @@ def test_what_is_frozen_stays_and_the_rest_learns(shards, tmp_path):
     assert {"volume", "coarse", "decoder", "reader"} <= changed and not changed & {"encoder", "transformer"}
 
 
-def test_outlines_teach_the_volume_and_its_vote_alone(shards, tmp_path):
+def test_outlines_teach_the_fields_side_and_leave_image_features_without_a_say(shards, tmp_path):
     words = ["--shards", str(shards), "--batch", "2", "--points", "256", "--output"]
     first, second = tmp_path / "first.safetensors", tmp_path / "second.safetensors"
     assert command.main(["fit", "georm", *words, str(first), "--minutes", "0.01"]) == 0
-    assert command.main(["fit", "georm-volume", *words, str(second), "--start", str(first), "--minutes", "0.03"]) == 0
-    before, after = (checkpoints.load(path, ReconstructionConfig)[1] for path in (first, second))
-    changed = {key.split(".")[1] for key, value in before.items() if not torch.equal(value, after[key])}
-    assert changed == {"volume", "coarse"}
+    assert command.main(["fit", "georm-outlines", *words, str(second), "--start", str(first), "--minutes", "0.03"]) == 0
+    before, (config, after) = (checkpoints.load(path, ReconstructionConfig) for path in (first, second))
+    changed = {key.split(".")[1] for key, value in before[1].items() if not torch.equal(value, after[key])}
+    assert changed == {"volume", "coarse", "reader", "decoder"}
+    network = GeoRM(config).eval()
+    checkpoints.restore(network, after, second)
+    views = point_samples.expanded(point_samples.load_occupancy(next(shards.glob("ball/rig_0.npz"))).views)
+    with torch.no_grad():
+        encoded = network.encode(views)
+        other = replace(encoded.views, maps=torch.randn_like(encoded.views.maps))
+        changed = EncodedViews(torch.randn_like(encoded.planes), other, network.model.volume(other))
+        points = torch.rand(1, 50, 3) - 0.5
+        assert torch.equal(network.occupancy_logit(encoded, points), network.occupancy_logit(changed, points))
 
 
 def test_outlines_keep_the_volume_learning_beside_the_pictures(shards, tmp_path, caplog):

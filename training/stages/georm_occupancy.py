@@ -23,7 +23,6 @@ from .. import distributed
 from ..datasets import outline_samples, point_samples, shards
 from ..datasets.outline_samples import OutlineBatch
 from ..datasets.point_samples import (
-    Batch,
     PointSample,
     SampleCache,
     depth_loss,
@@ -62,24 +61,21 @@ def occupancy_loss(logit: Tensor, distance: Tensor, hull: Tensor) -> Tensor:
     return (weight * error).sum() / weight.sum()
 
 
-def loss_terms(model: GeoRM, encoded: EncodedViews, batch: Batch) -> tuple[Tensor, Tensor]:
-    """The occupancy losses of the network and of its volume's own vote, at the points of a batch."""
-    distance = batch.target[..., 0]
+def loss_terms(model: GeoRM, encoded: EncodedViews, points: Tensor, distance: Tensor) -> dict[str, Tensor]:
+    """The occupancy losses of the network and, weighted, of its volume's own vote, at world points (B, P, 3)."""
     with torch.no_grad():
-        hull = encoded.views.outlines.hull_distance(batch.points)
-    return (
-        occupancy_loss(model.occupancy_logit(encoded, batch.points), distance, hull),
-        occupancy_loss(model.coarse_logit(encoded, batch.points), distance, hull),
-    )
+        hull = encoded.views.outlines.hull_distance(points)
+    return {
+        "occupancy": occupancy_loss(model.occupancy_logit(encoded, points), distance, hull),
+        "coarse": COARSE_WEIGHT * occupancy_loss(model.coarse_logit(encoded, points), distance, hull),
+    }
 
 
-def outline_loss(model: GeoRM, batch: OutlineBatch, bfloat16: bool) -> Tensor:
-    """The occupancy loss of the volume's vote where it sees outlines alone: the shapes it has learnt are not lost."""
-    with torch.no_grad():
-        hull = batch.outlines.hull_distance(batch.points)
+def outline_terms(model: GeoRM, batch: OutlineBatch, bfloat16: bool) -> dict[str, Tensor]:
+    """As `loss_terms`, where the network sees outlines and colours alone."""
     with torch.autocast(batch.points.device.type, torch.bfloat16, enabled=bfloat16):
         encoded = encode_outlines(model, batch.outlines, batch.colors)
-    return occupancy_loss(model.coarse_logit(encoded.float(), batch.points), batch.distance, hull)
+    return loss_terms(model, encoded.float(), batch.points, batch.distance)
 
 
 def intersection_over_union(predicted: Tensor, truth: Tensor) -> float:
@@ -105,7 +101,7 @@ def validate(samples: list[PointSample], logit: Callable[[NetworkViews, Tensor],
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     point_samples.add_arguments(parser, minutes=60.0, points=6144, learning_rate=4e-4)
     parser.add_argument(
-        "--outlines", type=int, default=0, help="objects a step whose outlines alone the volume is shown, all different"
+        "--outlines", type=int, default=0, help="objects a step of which outlines and colours alone are shown"
     )
 
 
@@ -128,15 +124,11 @@ def run(args: argparse.Namespace) -> int:
         with torch.autocast(batch.points.device.type, torch.bfloat16, enabled=args.bfloat16):
             encoded = side.encode(model, batch.views)
         encoded = encoded.float()
-        occupancy, coarse = loss_terms(model, encoded, batch)
-        terms = {
-            "occupancy": occupancy,
-            "coarse": COARSE_WEIGHT * coarse,
-            "depth": DEPTH_WEIGHT * depth_loss(encoded.views.depth, batch.depth),
-        }
+        terms = loss_terms(model, encoded, batch.points, batch.target[..., 0])
+        terms["depth"] = DEPTH_WEIGHT * depth_loss(encoded.views.depth, batch.depth)
         if args.outlines:
             drawn = outline_samples.batch(solids, args.outlines, args.points, draws)
-            terms["outlines"] = COARSE_WEIGHT * outline_loss(model, drawn, args.bfloat16)
+            terms["outlines"] = sum(outline_terms(model, drawn, args.bfloat16).values())
         return sum(terms.values()), {name: float(term.detach()) for name, term in terms.items()}
 
     def check(averaged: GeoRM) -> dict[str, float]:

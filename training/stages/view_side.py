@@ -56,8 +56,7 @@ class Once:
         self.network, self._load = network, load
         for name in VIEW_SIDE:
             freeze(network.model, name)
-        with torch.no_grad():
-            network.model.decoder[0].weight[:, : 3 * network.config.upsampler.channels] = 0.0
+        silence_planes(network)
 
     @torch.no_grad()
     def load(self, path: Path) -> PointSample:
@@ -95,6 +94,23 @@ def without_planes(network: Network, features: ViewFeatures) -> EncodedViews:
     """The field's side of an encoding."""
     planes = features.depth.new_zeros(len(features.depth), 3, network.config.upsampler.channels, 2, 2)
     return EncodedViews(planes, features, network.model.volume(features))
+
+
+@torch.no_grad()
+def silence_planes(network: Network) -> None:
+    """Cut the decoder off from the planes."""
+    network.model.decoder[0].weight[:, : 3 * network.config.upsampler.channels] = 0.0
+
+
+@torch.no_grad()
+def silence_features(network: Network) -> None:
+    """Cut volume, reader and decoder off from the planes and from image features: what was not learnt has no say."""
+    silence_planes(network)
+    model, config = network.model, network.config.pixel_aligned
+    model.volume.lift.weight[:, : 2 * config.channels] = 0.0
+    model.reader.per_view[0].weight[:, : config.channels] = 0.0
+    spread = 3 * network.config.upsampler.channels + 2 * config.hidden  # After the planes, the mean and the maximum.
+    model.decoder[0].weight[:, spread : spread + config.channels] = 0.0
 
 
 def view_side(network: Network, load: Callable[[Path], PointSample], once: bool, frozen: list[str]) -> EveryStep | Once:

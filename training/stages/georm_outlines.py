@@ -1,7 +1,8 @@
-"""Before GeoRM's other stages: the feature volume learns from outlines and colours what shapes are like.
+"""Before GeoRM's other stages: what shapes are like, from outlines and colours alone.
 
-Not in the paper. The volume sees no image features, and for depth where rays meet the visual hull. It and its vote
-learn; nothing is rendered, and no shape comes twice.
+Not in the paper. The field's side of the network (volume, reader, decoder) sees no image features, and for depth where
+rays meet the visual hull. Nothing is rendered, and no shape comes twice. Image features have no say in what this leaves
+until a later stage gives them one.
 """
 
 import argparse
@@ -19,11 +20,8 @@ from .. import distributed, trainer
 from ..datasets import outline_samples, point_samples
 from ..datasets.point_samples import expanded
 from ..trainer import Trainer, TrainerConfig
-from .georm_occupancy import outline_loss, validate
-from .view_side import encode_outlines
-
-TRAINED = ("volume", "coarse")
-"""Modules of a `ReconstructionModel`."""
+from .georm_occupancy import outline_terms, validate
+from .view_side import VIEW_SIDE, encode_outlines, freeze, silence_features
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,25 +35,28 @@ def run(args: argparse.Namespace) -> int:
     model = GeoRM(SMALL)
     if args.start:
         checkpoints.restore(model, checkpoints.load(args.start, type(SMALL))[1], args.start)
-    for name, part in model.model.named_children():
-        part.requires_grad_(name in TRAINED)
+    for name in VIEW_SIDE:
+        freeze(model.model, name)
+    silence_features(model)
     solids, held_out = outline_samples.load_solids(args.shards), point_samples.load_held_out(args.shards)
     config = TrainerConfig(minutes=args.minutes, learning_rate=args.learning_rate)
 
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
         batch = outline_samples.batch(solids, args.batch, args.points, distributed.generator(args.seed, index))
-        return outline_loss(model, batch, args.bfloat16), {}
+        terms = outline_terms(model, batch, args.bfloat16)
+        return sum(terms.values()), {name: float(term.detach()) for name, term in terms.items()}
 
     def check(averaged: GeoRM) -> dict[str, float]:
         def logit(views: NetworkViews, points: Tensor) -> Tensor:
             outlines = Outlines(views.silhouette.float(), views.c2w, views.K)
             pictures = expanded(views).images.flatten(0, 1)
             colors = object_colors(pictures, SMALL.background, outline_samples.HULL_SIDE)[None]
-            return averaged.coarse_logit(encode_outlines(averaged, outlines, colors), points)
+            return averaged.occupancy_logit(encode_outlines(averaged, outlines, colors), points)
 
         return validate(held_out, logit)
 
     averaged = Trainer(model, config, args.output.with_suffix(".resume")).run(step, check)
+    silence_features(averaged)  # The spread of no features is not quite zero, and was learnt from.
     if distributed.rank() == 0:
         checkpoints.save(args.output, averaged.state_dict(), SMALL, name="small.georm")
     return 0
