@@ -1,4 +1,4 @@
-"""All benchmarks in one run: `python -m benchmarks` writes docs/benchmarks.md."""
+"""All benchmarks in one run: `python -m benchmarks` writes docs/benchmarks.md, its plot, and the README's summary."""
 
 import argparse
 import sys
@@ -6,28 +6,57 @@ from pathlib import Path
 
 import torch
 
-from training.evaluation.results import paragraphs, write_text
+from arm_blender.files import whole_file
+from training.evaluation.results import fill_block, markdown_table, paragraphs, write_text
 
 from . import bench_backproject, bench_isosurface, bench_rasterize, bench_unwrap
 from .measure import machine
 
 PARTS = (bench_rasterize, bench_isosurface, bench_unwrap, bench_backproject)
+ROOT = Path(__file__).parents[1]
 
 
 def main() -> int:
-    """Run every part and write the document."""
+    """Run every part and write the documents."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__.partition("\n")[0])
     parser.add_argument("--threads", type=int, default=2, help="of torch (default 2)")
-    parser.add_argument("--output", type=Path, default=Path("docs/benchmarks.md"))
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
-    sections = []
+    sections = {}
     for part in PARTS:
-        sections.append(part.document())
-        print(sections[-1], end="\n\n", flush=True)
-    text = paragraphs("# Benchmarks", f"Machine: {machine()}.", *sections, "Made by `make bench`, in one run.")
-    write_text(args.output, text)
+        sections[part] = part.section()
+        print(sections[part].text, end="\n\n", flush=True)
+    made = f"Made by `make bench`, in one run. Machine: {machine()}."
+    texts = [section.text for section in sections.values()]
+    picture = "![What is sampled, and how long unwrapping takes](images/benchmarks.png)"
+    plot(sections[bench_isosurface].curves, sections[bench_unwrap].curves, ROOT / "docs/images/benchmarks.png")
+    write_text(ROOT / "docs/benchmarks.md", paragraphs("# Benchmarks", made, picture, *texts))
+    highlights = [line for section in sections.values() for line in section.highlights]
+    fill_block(ROOT / "README.md", "benchmarks", paragraphs(markdown_table(["what", "measured"], highlights), made))
     return 0
+
+
+def plot(samples: dict, seconds: dict, path: Path) -> None:
+    """Two panels: samples of the density against the resolution, and seconds of unwrapping against faces."""
+    import matplotlib
+
+    matplotlib.use("agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(1, 2, figsize=(10, 3.8), layout="constrained")
+    for panel, curves, title, x, y in (
+        (axes[0], samples, "Samples of the density", "samples a side", "samples"),
+        (axes[1], seconds, "Unwrapping a wavy ball", "faces", "seconds"),
+    ):
+        for name, points in curves.items():
+            panel.loglog(*zip(*points, strict=True), "o-", label=name)
+        panel.set(title=title, xlabel=x, ylabel=y)
+        panel.grid(alpha=0.3, which="both")
+        panel.legend()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=100)
+    pyplot.close(figure)
 
 
 if __name__ == "__main__":

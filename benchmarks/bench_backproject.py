@@ -19,7 +19,7 @@ from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 from arm_blender.views.rigs import zero123plus_rig
 from training.evaluation.results import markdown_table, paragraphs
 
-from .measure import median_seconds, run
+from .measure import Section, median_seconds, run
 from .shapes import wavy_ball
 
 FACES = 20_000
@@ -52,20 +52,22 @@ def peak_gib(size: int, threads: int) -> float:
     return resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 2**20  # Linux counts KiB.
 
 
-def document() -> str:
+def section() -> Section:
     """The table as Markdown."""
     mesh, views = scene()
     rows = []
     for size in (1024, 2048):  # The larger last: the peak is that of all children so far.
         seconds = median_seconds(lambda s=size: onto(mesh, views, s), 3)
         rows.append([f"{size}²", f"{seconds:.2f}", f"{peak_gib(size, torch.get_num_threads()):.2f}"])
-    return paragraphs(
+    text = paragraphs(
         "## Back-projection",
         f"Six views of 512² onto the atlas of a mesh of {FACES:,} faces, rasterising, visibility, sampling and blend "
         "included; the memory is that of a whole process, torch included.",
         markdown_table(["atlas", "seconds", "peak GiB"], rows),
     )
+    what = "back-project six views of 512² onto"
+    return Section(text, [(f"{what} {size}", f"{seconds} s, {peak} GiB") for size, seconds, peak in rows])
 
 
 if __name__ == "__main__":
-    run(document, __doc__)
+    run(section, __doc__)

@@ -12,7 +12,7 @@ from arm_blender.graphics.rasterize import rasterize, rasterize_uv, rasterize_vi
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 from training.evaluation.results import markdown_table, paragraphs
 
-from .measure import median_seconds, run
+from .measure import Section, median_seconds, run
 from .shapes import wavy_ball
 
 ATLAS_FACES = 20_000
@@ -63,17 +63,23 @@ def atlases() -> list[list[object]]:
     return rows
 
 
-def document() -> str:
+def section() -> Section:
     """The tables as Markdown."""
-    return paragraphs(
+    views, textures = pictures(), atlases()
+    text = paragraphs(
         "## Rasteriser",
         "A bumpy sphere in views, alone and six at once:",
-        markdown_table(["triangles", "pixels", "seconds", "seconds a view, six at once"], pictures()),
+        markdown_table(["triangles", "pixels", "seconds", "seconds a view, six at once"], views),
         "The atlas of the wavy ball. Ours also gives barycentric coordinates and settles ties; *boxes*: every texel of "
         "every triangle's bounding box is tried, in torch as well, for the face alone.",
-        markdown_table(["triangles", "texels", "seconds", "boxes s", "times faster"], atlases()),
+        markdown_table(["triangles", "texels", "seconds", "boxes s", "times faster"], textures),
     )
+    triangles, size, seconds, _ = views[1]
+    highlights = [(f"rasterise {triangles} triangles in a view of {size}", f"{seconds} s")]
+    for faces, size, seconds, boxes, _ in textures:
+        highlights.append((f"rasterise an atlas of {faces} faces at {size}", f"{seconds} s; bounding boxes {boxes} s"))
+    return Section(text, highlights)
 
 
 if __name__ == "__main__":
-    run(document, __doc__)
+    run(section, __doc__)

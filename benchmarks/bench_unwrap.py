@@ -15,11 +15,14 @@ from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 from training.evaluation.results import markdown_table, paragraphs
 
 from .atlas_quality import atlas_quality
-from .measure import run, seconds_of
+from .measure import Section, run, seconds_of
 from .shapes import example_density, example_mesh, wavy_ball
 
 XATLAS_FACES = 75_000
 """Beyond, xatlas alone is left out: it would take minutes."""
+
+
+ALONE = "xatlas alone"
 
 
 def xatlas_alone(mesh: TriangleMesh) -> UvMesh:
@@ -52,7 +55,7 @@ def measured() -> list[list[object]]:
         if len(mesh.faces) <= XATLAS_FACES:
             found: list[UvMesh] = []
             seconds = seconds_of(lambda mesh=mesh, found=found: found.append(xatlas_alone(mesh)))
-            rows.append([name, "xatlas alone", f"{seconds:.2f}", *_cells(found[0])])
+            rows.append([name, ALONE, f"{seconds:.2f}", *_cells(found[0])])
     return rows
 
 
@@ -63,20 +66,35 @@ def _cells(atlas: UvMesh) -> list[str]:
     ]  # fmt: skip
 
 
-def document() -> str:
+def section() -> Section:
     """The table as Markdown."""
     unwrap(wavy_ball(2_000), UnwrapConfig())  # The first process reads xatlas from the disk.
-    return paragraphs(
+    rows = measured()
+    header = ["mesh", "atlas", "seconds", "charts", "seams", "stretch", "utilisation", "slivers", "surface in slivers"]
+    text = paragraphs(
         "## Unwrapping",
         "Ours: charts by smoothed axes, laid flat as rigid as possible, packed by xatlas in a process of its own, all "
         "counted. *Seams*: length over the square root of the area. *Stretch*: L2, 1 is none. *Slivers*: charts of "
         "less than four texels of mean width at 1024², and the share of the surface in them.",
-        markdown_table(
-            ["mesh", "atlas", "seconds", "charts", "seams", "stretch", "utilisation", "slivers", "surface in slivers"],
-            measured(),
-        ),
+        markdown_table(header, rows),
     )
+    alone = {row[0]: row[2] for row in rows if row[1] == ALONE}
+    ours = {row[0]: row[2] for row in rows if row[1] != ALONE}
+    highlights = [
+        (f"unwrap the {name}", f"{ours[name]} s; xatlas alone {alone[name]} s")
+        for name in list(ours)[:2]
+        if name in alone
+    ]
+    curves = {
+        name: [(_faces(mesh), float(seconds)) for mesh, seconds in found.items() if mesh.startswith("wavy")]
+        for name, found in (("ours", ours), (ALONE, alone))
+    }
+    return Section(text, highlights, curves)
+
+
+def _faces(name: str) -> float:
+    return float(name.split()[2].replace(",", ""))
 
 
 if __name__ == "__main__":
-    run(document, __doc__)
+    run(section, __doc__)

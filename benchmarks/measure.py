@@ -6,9 +6,25 @@ import platform
 import statistics
 import time
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import torch
+
+
+@dataclass(frozen=True)
+class Section:
+    """What one benchmark found.
+
+    Attributes:
+        text: Markdown, with its own heading.
+        highlights: what was measured, and the result, in words.
+        curves: named series of points (x, y), for the plot.
+    """
+
+    text: str
+    highlights: list[tuple[str, str]]
+    curves: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
 
 
 def median_seconds(call: Callable[[], object], repeats: int = 5) -> float:
@@ -41,9 +57,9 @@ def machine() -> str:
     )
 
 
-def run(document: Callable[[], str], description: str) -> None:
-    """The command line of one benchmark: print its document."""
+def run(section: Callable[[], Section], description: str) -> None:
+    """The command line of one benchmark: print what it found."""
     parser = argparse.ArgumentParser(description=description.partition("\n")[0])
     parser.add_argument("--threads", type=int, default=2, help="of torch (default 2)")
     torch.set_num_threads(parser.parse_args().threads)
-    print(document())
+    print(section().text)
