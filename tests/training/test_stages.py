@@ -128,16 +128,33 @@ def test_outlines_teach_the_fields_side_and_leave_image_features_without_a_say(s
     assert command.main(["fit", "georm-outlines", *words, str(second), "--start", str(first), "--minutes", "0.03"]) == 0
     before, (config, after) = (checkpoints.load(path, ReconstructionConfig) for path in (first, second))
     changed = {key.split(".")[1] for key, value in before[1].items() if not torch.equal(value, after[key])}
-    assert changed == {"volume", "coarse", "reader", "decoder"}
+    assert changed == {"volume", "coarse", "reader", "decoder", "pyramid"}
+    # Of the pyramid only the depth head, which is silenced.
+    pyramid = {key for key, value in before[1].items() if ".pyramid." in key and not torch.equal(value, after[key])}
+    assert all(".to_depth." in key for key in pyramid)
+    assert not has_a_say(shards, config, after)
+
+
+def test_fitting_without_features_leaves_them_without_a_say(shards, tmp_path):
+    words = ["--shards", str(shards), "--batch", "2", "--points", "256", "--minutes", "0.02", "--output"]
+    seeing, blind = tmp_path / "seeing.safetensors", tmp_path / "blind.safetensors"
+    assert command.main(["fit", "georm", *words, str(seeing), "--look-once"]) == 0
+    assert command.main(["fit", "georm", *words, str(blind), "--start", str(seeing), "--no-features"]) == 0
+    assert has_a_say(shards, *checkpoints.load(seeing, ReconstructionConfig))
+    assert not has_a_say(shards, *checkpoints.load(blind, ReconstructionConfig))
+
+
+@torch.no_grad()
+def has_a_say(shards, config: ReconstructionConfig, weights: dict) -> bool:
+    """Whether image features or planes change the density."""
     network = GeoRM(config).eval()
-    checkpoints.restore(network, after, second)
+    checkpoints.restore(network, weights, shards)
     views = point_samples.expanded(point_samples.load_occupancy(next(shards.glob("ball/rig_0.npz"))).views)
-    with torch.no_grad():
-        encoded = network.encode(views)
-        other = replace(encoded.views, maps=torch.randn_like(encoded.views.maps))
-        changed = EncodedViews(torch.randn_like(encoded.planes), other, network.model.volume(other))
-        points = torch.rand(1, 50, 3) - 0.5
-        assert torch.equal(network.occupancy_logit(encoded, points), network.occupancy_logit(changed, points))
+    encoded = network.encode(views)
+    other = replace(encoded.views, maps=torch.randn_like(encoded.views.maps))
+    changed = EncodedViews(torch.randn_like(encoded.planes), other, network.model.volume(other))
+    points = torch.rand(1, 50, 3) - 0.5
+    return not torch.equal(network.occupancy_logit(encoded, points), network.occupancy_logit(changed, points))
 
 
 def test_outlines_keep_the_volume_learning_beside_the_pictures(shards, tmp_path, caplog):

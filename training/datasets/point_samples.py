@@ -228,6 +228,7 @@ def add_arguments(parser: argparse.ArgumentParser, minutes: float, points: int, 
     trainer.add_arguments(parser, minutes, points, learning_rate)
     parser.add_argument("--data", type=Path, help="folder with manifest.json; every other sample is a real object's")
     parser.add_argument("--look-once", action="store_true", help="find the views' features once, and learn the rest")
+    parser.add_argument("--no-features", action="store_true", help="as --look-once, with geometry and colours alone")
     parser.add_argument("--freeze", nargs="*", default=[], help="parts of the model that stay as they are")
 
 

@@ -29,7 +29,7 @@ from ..datasets.point_samples import (
     load_occupancy,
 )
 from ..trainer import Trainer, TrainerConfig
-from .view_side import encode_outlines, view_side
+from .view_side import encode_outlines, silence_features, view_side
 
 logger = logging.getLogger(__name__)
 
@@ -111,7 +111,7 @@ def run(args: argparse.Namespace) -> int:
     model = GeoRM(SMALL)
     if args.start:
         checkpoints.restore(model, checkpoints.load(args.start, type(SMALL))[1], args.start)
-    side = view_side(model, load_occupancy, args.look_once, args.freeze)
+    side = view_side(model, load_occupancy, args)
     samples = SampleCache(args.shards, side.load, shards.real_objects(args.data), side.pictures)
     solids = outline_samples.load_solids(args.shards) if args.outlines else []
     trainer = Trainer(
@@ -137,6 +137,8 @@ def run(args: argparse.Namespace) -> int:
         )
 
     averaged = trainer.run(step, check)
+    if args.no_features:
+        silence_features(averaged)  # The spread of no features is not quite zero, and was learnt from.
     if distributed.rank() == 0:
         checkpoints.save(args.output, averaged.state_dict(), SMALL, name="small.georm")
     return 0

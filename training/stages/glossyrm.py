@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
         model.load_geometry(checkpoints.load(args.georm, ReconstructionConfig)[1])
     if args.start:
         checkpoints.restore(model, checkpoints.load(args.start, ReconstructionConfig)[1], args.start)
-    side = view_side(model, load_gloss, args.look_once, args.freeze)
+    side = view_side(model, load_gloss, args)
     samples = SampleCache(args.shards, side.load, shards.real_objects(args.data), side.pictures)
     constant = torch.stack([s.target.float().mean(0) for s in samples.training]).mean(0)
     trainer = Trainer(

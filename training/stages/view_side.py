@@ -4,6 +4,7 @@ Once is several times faster, and what the field's side learns from (volume, rea
 it has seen. The view's side (encoder, feature pyramid, planes) then stays as it is.
 """
 
+import argparse
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -48,22 +49,26 @@ class Once:
     """Samples hold the features that `network` finds in the pictures when they are loaded.
 
     The planes are left out, as they would have to turn with the augmented object: the decoder is cut off from them.
+    Without `features` image features are left out as well, and what remains is geometry and colours.
     """
 
     pictures = False
 
-    def __init__(self, network: Network, load: Callable[[Path], PointSample]) -> None:
-        self.network, self._load = network, load
+    def __init__(self, network: Network, load: Callable[[Path], PointSample], features: bool = True) -> None:
+        self.network, self._load, self._features = network, load, features
         for name in VIEW_SIDE:
             freeze(network.model, name)
-        silence_planes(network)
+        if features:
+            silence_planes(network)
+        else:
+            silence_features(network)
 
     @torch.no_grad()
     def load(self, path: Path) -> PointSample:
         """A sample whose images are features, colours if they are compared, and last the predicted depth."""
         sample = self._load(path)
         features = self.network.model.look(expanded(sample.views))[1]
-        parts = [features.maps, features.depth]
+        parts = [features.maps if self._features else torch.zeros_like(features.maps), features.depth]
         if features.colors is not None:
             size = features.maps.shape[-2:]
             parts.insert(1, F.interpolate(features.colors.flatten(0, 1), size=size).unflatten(0, parts[0].shape[:2]))
@@ -104,20 +109,27 @@ def silence_planes(network: Network) -> None:
 
 @torch.no_grad()
 def silence_features(network: Network) -> None:
-    """Cut volume, reader and decoder off from the planes and from image features: what was not learnt has no say."""
+    """Cut volume, reader and decoder off from the planes and from image features, and leave the hull's depth as it is.
+
+    Without this, what was not learnt would have a say.
+    """
     silence_planes(network)
     model, config = network.model, network.config.pixel_aligned
+    model.pyramid.to_depth[-1].weight.zero_()
+    model.pyramid.to_depth[-1].bias.zero_()
     model.volume.lift.weight[:, : 2 * config.channels] = 0.0
     model.reader.per_view[0].weight[:, : config.channels] = 0.0
     spread = 3 * network.config.upsampler.channels + 2 * config.hidden  # After the planes, the mean and the maximum.
     model.decoder[0].weight[:, spread : spread + config.channels] = 0.0
 
 
-def view_side(network: Network, load: Callable[[Path], PointSample], once: bool, frozen: list[str]) -> EveryStep | Once:
-    """How a stage looks at pictures, with the parts `frozen` of the network kept as they are."""
-    for name in frozen:
+def view_side(network: Network, load: Callable[[Path], PointSample], args: argparse.Namespace) -> EveryStep | Once:
+    """How a stage looks at pictures, as its arguments say, with the parts named there kept as they are."""
+    for name in args.freeze:
         freeze(network.model, name)
-    return Once(network, load) if once else EveryStep(load)
+    if args.look_once or args.no_features:
+        return Once(network, load, not args.no_features)
+    return EveryStep(load)
 
 
 def freeze(model: nn.Module, name: str) -> None:
