@@ -139,7 +139,7 @@ def test_a_density_without_a_surface_names_the_views(views, monkeypatch):
         pipeline.shape(views, QUICK)
 
 
-@pytest.mark.parametrize("stage", ["GeoRM: reading the views", "Unwrapping", "GlossyRM: decoding texels"])
+@pytest.mark.parametrize("stage", ["GeoRM: reading the views", "Packing charts", "GlossyRM: decoding texels"])
 def test_cancelling_stops_at_the_next_report_of_progress(views, stage):
     """At the first report of the first stage, of the one that waits for a process, and of the last."""
     heard = []
@@ -153,7 +153,11 @@ def test_cancelling_stops_at_the_next_report_of_progress(views, stage):
     with pytest.raises(Cancelled):
         pipeline.generate(views, QUICK, progress, report)
     assert heard == sorted(heard) and 0.0 <= heard[0] <= heard[-1] <= 1.0
-    expected = {"GeoRM": ["shape"], "Unwrapping": ["shape", "unwrap"], "GlossyRM": ["shape", "unwrap", "appearance"]}
+    expected = {
+        "GeoRM": ["shape"],
+        "Packing charts": ["shape", "unwrap"],
+        "GlossyRM": ["shape", "unwrap", "appearance"],
+    }
     assert list(report.seconds) == expected[stage.partition(":")[0]]
 
 

@@ -14,6 +14,12 @@ HALF = np.array([0.9, 0.5, 0.3], np.float32)
 """Half extents of the box that is learnt from."""
 
 
+@pytest.fixture(autouse=True)
+def all_views(monkeypatch):
+    """What is said of hulls here is said of six views."""
+    monkeypatch.setattr(outline_samples, "drop_views", lambda generator: torch.arange(6))
+
+
 def write_rig(path, mesh: trimesh.Trimesh) -> None:
     """Six pictures in which every point of the surface has its place for a colour."""
     cameras = [orbit_camera(60.0 * i, (30.0, -30.0)[i % 2], 4.0, 40.0, SIZE, SIZE) for i in range(6)]
@@ -51,6 +57,15 @@ def test_what_is_solid_lies_in_the_hull_and_most_of_the_hull_is_solid(solids, se
     assert bool((hull[batch.distance > 0] > -pixel).all())
     assert float((batch.distance[hull > 0] > 0).float().mean()) > 0.5
     assert bool((batch.points.abs() <= 1.0).all())
+
+
+def test_views_are_dropped_with_their_colours(solids, monkeypatch):
+    whole = outline_samples.batch(solids, 1, 100, torch.Generator().manual_seed(0))
+    monkeypatch.setattr(outline_samples, "drop_views", lambda generator: torch.tensor([1, 4]))
+    some = outline_samples.batch(solids, 1, 100, torch.Generator().manual_seed(0))
+    assert torch.equal(some.outlines.c2w, whole.outlines.c2w[:, [1, 4]])
+    assert torch.equal(some.outlines.silhouette, whole.outlines.silhouette[:, [1, 4]])
+    assert torch.equal(some.colors, whole.colors[:, [1, 4]])
 
 
 def test_clouds_are_points_of_the_surface_with_their_colours(solids):

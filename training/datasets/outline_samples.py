@@ -23,7 +23,7 @@ from arm_blender.structures import TriangleMesh, stack_cameras
 from arm_blender.views.rigs import AZIMUTHS_DEG, ELEVATIONS_DEG
 
 from . import shards
-from .point_samples import is_held_out
+from .point_samples import drop_views, is_held_out
 
 logger = logging.getLogger(__name__)
 
@@ -111,15 +111,16 @@ def _cloud(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def batch(solids: list[Solid], count: int, points: int, generator: torch.Generator) -> OutlineBatch:
-    """`count` of the objects, each stretched, turned and seen anew, at `points` points."""
+    """`count` of the objects, each stretched, turned and seen anew by the same views, at `points` points."""
     drawn = []
     for _ in range(count):
         solid = solids[int(torch.randint(len(solids), (), generator=generator))]
         drawn.append(_seen(solid, _moved(solid, generator), points, generator))
-    outlines = [sample.outlines for sample in drawn]
+    keep = drop_views(generator)
+    parts = [torch.cat([getattr(s.outlines, name)[:, keep] for s in drawn]) for name in ("silhouette", "c2w", "K")]
     return OutlineBatch(
-        Outlines(*(torch.cat([getattr(o, name) for o in outlines]) for name in ("silhouette", "c2w", "K"))),
-        torch.cat([sample.colors for sample in drawn]),
+        Outlines(*parts),
+        torch.cat([sample.colors[:, keep] for sample in drawn]),
         torch.cat([sample.points for sample in drawn]),
         torch.cat([sample.distance for sample in drawn]),
     )
