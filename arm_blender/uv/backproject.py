@@ -131,9 +131,12 @@ def blend(seen: TexelViews, weights: Tensor, config: BlendConfig = BlendConfig()
     for texel in seen.seen.flatten().nonzero()[:, 0].split(BLEND_CHUNK):
         colors = seen.color.flatten(2)[:, :, texel]  # (V, 3, P)
         trusted = seen.visibility.flatten(1)[:, texel] * weights.to(colors)[:, None]  # (V, P)
-        share = trusted * seen.cosine.flatten(1)[:, texel] ** config.cosine_power * _agreement(colors, trusted, config)
-        total[texel] = share.sum(dim=0)
-        color[:, texel] = (share[:, None] * colors).sum(dim=0) / total[texel].clamp(min=1e-12)
+        facing = seen.cosine.flatten(1)[:, texel] * (trusted > 0)
+        # Over the squarest view's: a high power of a small cosine would leave nothing to divide by.
+        best = facing.amax(dim=0).clamp(min=1e-6)
+        share = trusted * (facing / best) ** config.cosine_power * _agreement(colors, trusted, config)
+        color[:, texel] = (share[:, None] * colors).sum(dim=0) / share.sum(dim=0).clamp(min=1e-12)
+        total[texel] = share.sum(dim=0) * best**config.cosine_power
     return color.view(3, size, size), total.view(size, size)
 
 

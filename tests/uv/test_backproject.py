@@ -268,6 +268,9 @@ def test_blends_differ_in_what_an_outlier_may_do() -> None:
     share = 0.7**4
     assert found["weighted"] == pytest.approx((0.84 * share + 1.0) / (1.0 + 2.0 * share))
     assert found["robust"] < 0.45 < 0.6 < found["weighted"]
+    # However grazing all views are, what they agree on stays.
+    grazing = conflicting([0.5, 0.5], [0.1, 0.12])
+    assert all(float(blend(grazing, torch.ones(2), c)[0][0]) == pytest.approx(0.5) for c in BLENDS.values())
     # Two views never outvote each other: then the squarer one is nearly all that `sharpest` shows.
     seen = conflicting([0.2, 0.8], [1.0, 0.8])
     assert float(blend(seen, torch.ones(2), BLENDS["sharpest"])[0][0]) == pytest.approx(0.2, abs=1e-3)
