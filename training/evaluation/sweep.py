@@ -177,8 +177,9 @@ def document(rows: list[SweepRow], objects: int, command: str, picture: Path) ->
     front = ", ".join(_name(row) for row in pareto(rows, "chamfer"))
     return paragraphs(
         "# Error against run time",
-        f"Means over {objects} object{'s' * (objects > 1)}, on {torch.get_num_threads()} CPU threads. The first rows are the quality "
-        "levels; in the others one knob of *balanced* is turned. F-scores and the Chamfer distance (CD) compare "
+        f"Means over {objects} object{'s' * (objects > 1)}, on {torch.get_num_threads()} CPU threads. The first "
+        "rows are the quality levels; in the others one knob of *balanced* is turned. F-scores and the Chamfer "
+        "distance (CD) compare "
         "100,000 points of each surface with the truth, whose longest side is 2. *PSNR*: the baked colour rendered "
         "into all six views, in dB. Seconds are those of the stages of `generate`, without reading and writing files.",
         f"![Error against run time]({picture.as_posix()})",
