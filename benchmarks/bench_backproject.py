@@ -11,7 +11,7 @@ from pathlib import Path
 import torch
 
 from arm_blender.graphics.color import linear_from_srgb
-from arm_blender.graphics.rasterize import rasterize_views
+from arm_blender.graphics.rasterize import interpolate, rasterize_views
 from arm_blender.structures import UvMesh, ViewSet
 from arm_blender.uv.backproject import backproject, blend
 from arm_blender.uv.texels import texel_map
@@ -30,8 +30,7 @@ def scene() -> tuple[UvMesh, ViewSet]:
     mesh, _ = unwrap(wavy_ball(FACES), UnwrapConfig())
     cameras = zero123plus_rig(distance=6.0, size=512)
     fragments = rasterize_views(mesh.vertices, mesh.faces, cameras)
-    corner = mesh.vertices[mesh.faces[fragments.face_id.clamp(min=0)]]  # (V, H, W, 3, 3)
-    place = (fragments.barycentric.movedim(1, -1)[..., None] * corner).sum(dim=3).movedim(-1, 1)
+    place = torch.stack([interpolate(mesh.vertices, mesh.faces, fragments[view]) for view in range(len(cameras))])
     color = linear_from_srgb((0.5 + 0.5 * torch.sin(8.0 * place)).clamp(0.0, 1.0))
     mask = fragments.mask[:, None].float()
     return mesh, ViewSet(torch.cat([color * mask, mask], dim=1), cameras, torch.ones(6), "wavy ball")
@@ -45,7 +44,7 @@ def onto(mesh: UvMesh, views: ViewSet, size: int) -> None:
 def peak_gib(size: int, threads: int) -> float:
     """Memory of a process that does the work once, at its highest."""
     code = (
-        "import resource, torch; from benchmarks.bench_backproject import onto, scene; "
+        "import torch; from benchmarks.bench_backproject import onto, scene; "
         f"torch.set_num_threads({threads}); onto(*scene(), {size})"
     )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[1])

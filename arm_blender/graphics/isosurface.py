@@ -15,6 +15,7 @@ from ..errors import EmptyMeshError
 from ..progress import Progress, silent
 from ..structures import TriangleMesh
 from .marching_tables import CORNERS, EDGES, triangle_table
+from .ragged import enumerate_items
 from .sample_grid import BlockSamples, Density, IsosurfaceConfig, sample_blocks
 
 logger = logging.getLogger(__name__)
@@ -116,9 +117,7 @@ def _triangles(samples: BlockSamples) -> tuple[Tensor, Tensor]:
     corner_offset = (torch.tensor(CORNERS, device=device) * stride).sum(dim=1)
 
     first, case = samples.crossed_cells()  # (C,), (C,)
-    cell = torch.repeat_interleave(count[case])
-    start = torch.cumsum(count[case], dim=0) - count[case]
-    number = torch.arange(len(cell), device=device) - start[cell]
+    cell, number = enumerate_items(count[case])
     edge = table[case[cell], number].flatten()  # (T * 3,)
 
     corner, axis = torch.tensor(EDGES, device=device).unbind(dim=1)

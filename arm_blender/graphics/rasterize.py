@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from .cameras import Camera
+from .ragged import enumerate_items
 from .screen_triangles import ScreenTriangles, of_views, screen_triangles
 
 CHUNK = 1 << 18  # Candidate pixels tested at once: about 30 MB of work space, whatever the size of the triangles.
@@ -119,14 +120,16 @@ def _scan(triangles: ScreenTriangles, views: int, height: int, width: int) -> Fr
     nearest = torch.full((pixels,), torch.inf, dtype=triangles.xy.dtype, device=device)
     winner = torch.full((pixels,), len(triangles.face), dtype=torch.int32, device=device)
     for chosen in _pieces(box[:, 3]):
-        triangle, row = _enumerate(chosen, box[chosen, 3])
+        owner, row = enumerate_items(box[chosen, 3])
+        triangle = chosen[owner]
         first, length = _spans(plane, box, triangle, row)
         kept = length.nonzero()[:, 0]
         triangle, row, first, length = triangle[kept], row[kept], first[kept], length[kept]
         left = (box[triangle, 1] + row) * width + box[triangle, 0] + first
         inverse_depth = _inverse_depth(triangles, plane, triangle, row, first)
         for part in _pieces(length):
-            span, local = _enumerate(part, length[part])
+            owner, local = enumerate_items(length[part])
+            span = part[owner]
             depth = None if inverse_depth is None else _depth(inverse_depth[span], local)
             _keep_nearest(nearest, winner, left[span] + local, triangle[span], depth)
     return _fragments(triangles, box, plane, nearest, winner, (views, height, width))
@@ -137,13 +140,6 @@ def _pieces(counts: Tensor) -> tuple[Tensor, ...]:
     run = torch.div(counts.cumsum(dim=0), CHUNK, rounding_mode="floor")
     sizes = torch.unique_consecutive(run, return_counts=True)[1].tolist()
     return torch.arange(len(counts), device=counts.device).split(sizes)
-
-
-def _enumerate(owners: Tensor, counts: Tensor) -> tuple[Tensor, Tensor]:
-    """(sum(counts),) owner of each item and (sum(counts),) its number 0, 1, ... within its owner."""
-    item = torch.repeat_interleave(counts)
-    start = counts.cumsum(dim=0) - counts
-    return owners[item], torch.arange(len(item), device=counts.device) - start[item]
 
 
 def _spans(plane: Tensor, box: Tensor, triangle: Tensor, row: Tensor) -> tuple[Tensor, Tensor]:

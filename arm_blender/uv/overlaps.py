@@ -5,6 +5,8 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
+from ..graphics.ragged import enumerate_items
+
 BIN_LIMIT = 64
 """No face covers more than about this many bins a side in the search for overlaps: bounds its memory."""
 
@@ -44,7 +46,7 @@ def _candidate_pairs(plane: Tensor, chart: Tensor) -> Iterator[Tensor]:
     origin = low.amin(dim=0)
     first, last = ((low - origin) / bin_size).long(), ((high - origin) / bin_size).long()
     span = last - first + 1
-    face, number = _enumerate(span.prod(dim=1))
+    face, number = enumerate_items(span.prod(dim=1))
     x, y = first[face, 0] + number % span[face, 0], first[face, 1] + number // span[face, 0]
     key = (chart[face] * (last[:, 1].max() + 1) + y) * (last[:, 0].max() + 1) + x
     key, order = key.sort()
@@ -57,15 +59,9 @@ def _candidate_pairs(plane: Tensor, chart: Tensor) -> Iterator[Tensor]:
     for entries in torch.arange(len(key), device=key.device).split(
         torch.unique_consecutive(piece, return_counts=True)[1].tolist()
     ):
-        entry, number = _enumerate(earlier[entries])
+        entry, number = enumerate_items(earlier[entries])
         entry = entries[entry]
         yield torch.stack([face[entry], face[start[entry] + number]], dim=1)
-
-
-def _enumerate(counts: Tensor) -> tuple[Tensor, Tensor]:
-    """(sum(counts),) owner of each item and (sum(counts),) its number 0, 1, ... within its owner."""
-    owner = torch.repeat_interleave(counts)
-    return owner, torch.arange(len(owner), device=counts.device) - (torch.cumsum(counts, dim=0) - counts)[owner]
 
 
 def _overlapping(plane: Tensor, pairs: Tensor) -> Tensor:

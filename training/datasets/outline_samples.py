@@ -23,7 +23,7 @@ from arm_blender.structures import TriangleMesh, stack_cameras
 from arm_blender.views.rigs import AZIMUTHS_DEG, ELEVATIONS_DEG
 
 from . import shards
-from .point_samples import drop_views, is_held_out
+from .point_samples import drop_views, is_held_out, rotation_z
 
 logger = logging.getLogger(__name__)
 
@@ -144,13 +144,7 @@ def _moved(solid: Solid, generator: torch.Generator) -> Solid:
         # Objects of artists and scanners mostly stand along the axes.
         quarters = _uniform(0.0, 4.0, generator)
         angle = 0.5 * math.pi * (math.floor(quarters) if _uniform(0.0, 1.0, generator) < 0.5 else quarters)
-        rotation = torch.tensor(
-            [
-                [math.cos(angle), -math.sin(angle), 0.0],
-                [math.sin(angle), math.cos(angle), 0.0],
-                [0.0, 0.0, 1.0],
-            ]
-        )
+        rotation = rotation_z(angle)
     if _uniform(0.0, 1.0, generator) < 0.5:
         rotation = rotation @ torch.diag(torch.tensor([-1.0, 1.0, 1.0]))
     linear = rotation * stretch
