@@ -94,15 +94,12 @@ def _by_xatlas(
     """
     places = plane.new_zeros(len(chart), 2)
     places[face_uvs.flatten()] = plane.reshape(-1, 2)
-    # Side by side: xatlas takes what touches for one chart.
-    columns = math.isqrt(int(chart.max())) + 1
-    spacing = 1.1 * float(places.amax() - places.amin())
-    apart = places + spacing * torch.stack([chart % columns, chart // columns], dim=1)
     with tempfile.TemporaryDirectory(prefix="arm-unwrap-") as folder:
         source, target, log = (Path(folder, name) for name in ("charts.npz", "atlas.npz", "log.txt"))
         np.savez(
             source,
-            places=apart.double().numpy(),
+            places=places.double().numpy(),
+            chart=chart.numpy(),
             faces=face_uvs.numpy().astype(np.uint32),
             area=float(signed_areas(places, face_uvs).sum()),
             texture_size=config.texture_size,

@@ -147,6 +147,14 @@ def test_after_the_deadline_charts_are_still_valid():
     assert 6 <= int(chart.max()) + 1 < 40
 
 
+def test_few_large_charts_fill_the_atlas():
+    atlas, used = unwrap(bumpy_ball(), UnwrapConfig(512, padding=2))
+    areas = uv_areas(atlas)
+    assert used == "xatlas" and atlas.charts < 12
+    assert float(areas.min()) >= 0.0, "a chart is mirrored"
+    assert float(areas.sum()) > 0.45
+
+
 def test_smoothing_shortens_seams():
     ball = bumpy_ball()
     smooth = smooth_charts(ball.vertices, ball.faces)
