@@ -13,10 +13,9 @@ from torch import Tensor
 
 from .cameras import Camera
 from .ragged import enumerate_items
-from .screen_triangles import ScreenTriangles, of_views, screen_triangles
+from .screen_triangles import EDGE_TOLERANCE, ScreenTriangles, of_views, screen_triangles
 
 CHUNK = 1 << 18  # Candidate pixels tested at once: about 30 MB of work space, whatever the size of the triangles.
-EDGE_TOLERANCE = 1e-4  # Pixels; keeps float32 rounding from opening cracks along shared edges.
 MIN_AREA = 1e-12  # Square pixels, doubled area; below it a triangle is a line and has no inside.
 
 
@@ -57,7 +56,7 @@ def rasterize(vertices: Tensor, faces: Tensor, camera: Camera) -> Fragments:
 
 @torch.no_grad()
 def rasterize_views(vertices: Tensor, faces: Tensor, cameras: Sequence[Camera]) -> Fragments:
-    """As `rasterize`, all views at once: for small pictures much faster than one by one.
+    """As `rasterize`, all views at once, which saves the overhead of small pictures.
 
     Args:
         vertices, faces: as in `rasterize`.
@@ -115,17 +114,17 @@ def _scan(triangles: ScreenTriangles, views: int, height: int, width: int) -> Fr
     """The nearest triangle at each pixel centre of `views` pictures, which lie below one another."""
     triangles, box, plane = _edges(triangles, height, width)
     if triangles.view is not None:
-        box[:, 1] += triangles.view * height
+        box[1] += triangles.view * height
     device, pixels = triangles.face.device, views * height * width
     nearest = torch.full((pixels,), torch.inf, dtype=triangles.xy.dtype, device=device)
     winner = torch.full((pixels,), len(triangles.face), dtype=torch.int32, device=device)
-    for chosen in _pieces(box[:, 3]):
-        owner, row = enumerate_items(box[chosen, 3])
+    for chosen in _pieces(box[3]):
+        owner, row = enumerate_items(box[3, chosen])
         triangle = chosen[owner]
         first, length = _spans(plane, box, triangle, row)
         kept = length.nonzero()[:, 0]
         triangle, row, first, length = triangle[kept], row[kept], first[kept], length[kept]
-        left = (box[triangle, 1] + row) * width + box[triangle, 0] + first
+        left = (box[1, triangle] + row) * width + box[0, triangle] + first
         inverse_depth = _inverse_depth(triangles, plane, triangle, row, first)
         for part in _pieces(length):
             owner, local = enumerate_items(length[part])
@@ -145,9 +144,9 @@ def _pieces(counts: Tensor) -> tuple[Tensor, ...]:
 def _spans(plane: Tensor, box: Tensor, triangle: Tensor, row: Tensor) -> tuple[Tensor, Tensor]:
     """(R,) first column in the box, and (R,) number, of the pixels that rows (R,) of triangles (R,) cover."""
     y = row.to(plane.dtype)
-    x1, y1, c1, x2, y2, c2, slack0, slack1, slack2 = plane[triangle].unbind(1)
+    x1, y1, c1, x2, y2, c2, slack0, slack1, slack2 = plane.index_select(1, triangle)
     second, third = y1 * y + c1, y2 * y + c2
-    low, high = torch.zeros_like(y), (box[triangle, 2] - 1).to(y)
+    low, high = torch.zeros_like(y), (box[2, triangle] - 1).to(y)
     # Each weight is linear along the row; where it is at least -slack is a half line. One that does not change along
     # rows is that of an edge along them, and the box ends there.
     for slope, weight, slack in (
@@ -164,7 +163,7 @@ def _edges(triangles: ScreenTriangles, height: int, width: int) -> tuple[ScreenT
     """The triangles that cover a pixel centre, their boxes and their edges.
 
     Returns:
-        the triangles kept; (T, 4) int64 left, top, columns, rows of pixels; and (T, 9) weight 1, 2 as functions of
+        the triangles kept; (4, T) int64 left, top, columns, rows of pixels; and (9, T) weight 1, 2 as functions of
         column and row within the box (x slope, y slope, constant) and the tolerance of weights 0, 1, 2.
     """
     (ax, bx, cx), (ay, by, cy) = triangles.xy[..., 0].unbind(1), triangles.xy[..., 1].unbind(1)
@@ -186,9 +185,11 @@ def _edges(triangles: ScreenTriangles, height: int, width: int) -> tuple[ScreenT
         (cy - ay) / area, (ax - cx) / area, (ay * cx - ax * cy) / area,
         (ay - by) / area, (bx - ax) / area, (ax * by - ay * bx) / area,
         slack * (cx - bx).hypot(cy - by), slack * (cx - ax).hypot(cy - ay), slack * (bx - ax).hypot(by - ay),
-    ], dim=1)  # fmt: skip
-    box = torch.stack([left, top, right - left + 1, bottom - top + 1], dim=1).long()[solid]
-    return triangles.chosen(kept[solid]), box, plane[solid]
+    ])  # fmt: skip
+    box = torch.stack([left, top, right - left + 1, bottom - top + 1]).long()
+    if not bool(solid.all()):
+        kept, box, plane = kept[solid], box[:, solid], plane[:, solid]
+    return triangles.chosen(kept), box, plane
 
 
 def _least(a: Tensor, b: Tensor, c: Tensor) -> Tensor:
@@ -198,7 +199,7 @@ def _least(a: Tensor, b: Tensor, c: Tensor) -> Tensor:
 def _weights(plane: Tensor, triangle: Tensor, column: Tensor, row: Tensor) -> Tensor:
     """(3, P) screen-space weights, clamped to the triangle, at pixels (P,) of triangles (P,)."""
     x, y = column.to(plane.dtype), row.to(plane.dtype)
-    x1, y1, c1, x2, y2, c2 = plane[triangle, :6].unbind(1)
+    x1, y1, c1, x2, y2, c2 = plane[:6].index_select(1, triangle)
     second = x1 * x + y1 * y + c1
     third = x2 * x + y2 * y + c2
     weights = torch.stack([1.0 - second - third, second, third]).clamp_(min=0.0)
@@ -215,7 +216,7 @@ def _inverse_depth(
     if triangles.inverse_depth is None:
         return None
     corner = triangles.inverse_depth[triangle]
-    x1, y1, c1, x2, y2, c2 = plane[triangle, :6].unbind(1)
+    x1, y1, c1, x2, y2, c2 = plane[:6].index_select(1, triangle)
     x, y = first.to(plane.dtype), row.to(plane.dtype)
     along1, along2 = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
     start = corner[:, 0] + along1 * (x1 * x + y1 * y + c1) + along2 * (x2 * x + y2 * y + c2)
@@ -249,8 +250,8 @@ def _fragments(
     """What the buffers (V * H * W,) say, with barycentric coordinates on the faces."""
     pixel = torch.isfinite(nearest).nonzero()[:, 0]
     triangle = winner[pixel].long()
-    column = pixel % shape[2] - box[triangle, 0]
-    row = torch.div(pixel, shape[2], rounding_mode="floor") - box[triangle, 1]
+    column = pixel % shape[2] - box[0, triangle]
+    row = torch.div(pixel, shape[2], rounding_mode="floor") - box[1, triangle]
     weights = _weights(plane, triangle, column, row)
     if triangles.inverse_depth is not None:
         weights = weights * triangles.inverse_depth[triangle].T
