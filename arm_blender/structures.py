@@ -117,14 +117,14 @@ class TexelViews:
     Attributes:
         color: (V, 3, T, T) linear Rec.709.
         visibility: (V, T, T) bool: seen unoccluded, not grazing, inside the silhouette.
-        direction: (V, 3, T, T) unit, from the surface to the camera.
+        eyes: (V, 3) where the cameras are, world.
         cosine: (V, T, T) in [0, 1]: n.v.
         pixels: (V, T, T, 2) where the texel lies in the view, pixels; meaningless where not visible.
     """
 
     color: Tensor
     visibility: Tensor
-    direction: Tensor
+    eyes: Tensor
     cosine: Tensor
     pixels: Tensor
 
@@ -132,6 +132,14 @@ class TexelViews:
     def seen(self) -> Tensor:
         """(T, T) bool: at least one view sees the texel."""
         return self.visibility.any(dim=0)
+
+    def direction(self, view: int, position: Tensor) -> Tensor:
+        """(3, T, T) unit, from the surface at `position` (3, T, T) to a view; 0 where the view does not see it.
+
+        Not stored: of all views together it would be the largest part.
+        """
+        towards = torch.nn.functional.normalize(self.eyes[view][:, None, None] - position, dim=0)
+        return torch.where(self.visibility[view], towards, 0.0)
 
     def only(self, views: Tensor) -> "TexelViews":
         """What some of the views say: (V,) bool, or indices of views."""

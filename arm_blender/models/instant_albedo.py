@@ -103,7 +103,7 @@ class InstantAlbedo(nn.Module):
         if base.shape != (3, side, side) or len(images) != len(seen.visibility):
             raise ValueError(f"{len(images)} images, {len(seen.visibility)} views, base {tuple(base.shape)}, T {side}")
         surface = _surface(texels, resolution)
-        fused, known = self._fuse_views(images, seen, surface)
+        fused, known = self._fuse_views(images, texels, seen, surface)
         inputs = [fused, known, surface[1:]]
         if self.config.residual:
             known_base = torch.where(texels.mask, base, base.new_zeros(()))
@@ -118,7 +118,7 @@ class InstantAlbedo(nn.Module):
             colors = _enlarge(colors, surface[:1], side)
         return colors[3:], colors[:3]
 
-    def _fuse_views(self, images: Tensor, seen: TexelViews, surface: Tensor) -> tuple[Tensor, Tensor]:
+    def _fuse_views(self, images: Tensor, texels: TexelMap, seen: TexelViews, surface: Tensor) -> tuple[Tensor, Tensor]:
         """(C, n, n) features, the maximum over the views that see a texel, 0 where none does; (1, n, n) any-seen."""
         resolution = surface.shape[-1]
         materials = self.encoder(composite(srgb_from_linear(images[:, :3]), images[:, 3:], 1.0))
@@ -127,7 +127,7 @@ class InstantAlbedo(nn.Module):
         # One view after the other: all of them at once would multiply the memory by V.
         for view in range(len(images)):
             size = (images.shape[-1], images.shape[-2])
-            inputs = self._view_inputs(seen, view, surface, materials[view], size)
+            inputs = self._view_inputs(seen, view, texels, surface, materials[view], size)
             visible = inputs[3:4]
             features = self.unet(inputs[None])[0]
             features = _resize(features, resolution).masked_fill(visible == 0, lowest)
@@ -136,14 +136,20 @@ class InstantAlbedo(nn.Module):
         return fused.masked_fill(known == 0, 0.0), known
 
     def _view_inputs(
-        self, seen: TexelViews, view: int, surface: Tensor, material: Tensor, size: tuple[int, int]
+        self,
+        seen: TexelViews,
+        view: int,
+        texels: TexelMap,
+        surface: Tensor,
+        material: Tensor,
+        size: tuple[int, int],
     ) -> Tensor:
         """(15 + C, n, n): image, mask, position, texture coordinates, view direction, normal, material."""
         mask = seen.visibility[view]
         visible = _cells(mask[None].float(), surface.shape[-1])
         # Averaged in linear light, as a camera with larger pixels would.
         image = srgb_from_linear(_mean(seen.color[view], visible))
-        direction = _mean(seen.direction[view], visible)
+        direction = _mean(seen.direction(view, texels.position), visible)
         # `where`, not a product: where a view does not see a texel its pixel may be anything, infinite too.
         pixels = seen.pixels[view].permute(2, 0, 1)
         pixels = _mean(torch.where(mask, pixels, pixels.new_zeros(())), visible)  # (2, n, n)

@@ -79,7 +79,6 @@ def backproject(
     points = texels.position.flatten(1)[:, covered].T
     normals = texels.normal.flatten(1)[:, covered].T
     color = points.new_zeros(count, 3, size * size)
-    direction = torch.zeros_like(color)
     visibility = torch.zeros(count, size * size, dtype=torch.bool, device=points.device)
     cosine = points.new_zeros(count, size * size)
     pixels = points.new_zeros(count, size * size, 2)
@@ -98,14 +97,13 @@ def backproject(
         chosen, colors = chosen[found], colors[:, found]
         towards = view_directions(points[chosen], camera)
         color[view].index_copy_(1, covered[chosen], colors)
-        direction[view].index_copy_(1, covered[chosen], towards.T.contiguous())
         visibility[view, covered[chosen]] = True
         cosine[view, covered[chosen]] = (normals[chosen] * towards).sum(dim=1).clamp(0.0, 1.0)
     square = (count, size, size)
     return TexelViews(
         color.view(count, 3, size, size),
         visibility.view(square),
-        direction.view(count, 3, size, size),
+        torch.stack([camera.center for camera in views.cameras]),
         cosine.view(square),
         pixels.view(*square, 2),
     )

@@ -35,7 +35,7 @@ def atlas(side: int, views: int = 3, seed: int = 0):
     seen = TexelViews(
         color=rand(views, 3, side, side) * visible[:, None],
         visibility=visible,
-        direction=rand(views, 3, side, side) * visible[:, None],
+        eyes=4.0 * torch.randn(views, 3, generator=random),
         cosine=rand(views, side, side) * visible,
         pixels=torch.where(visible[..., None], 40.0 * rand(views, side, side, 2), torch.tensor(float("nan"))),
     )

@@ -196,10 +196,10 @@ def _seen(texels: TexelMap, color: Tensor, visible: Tensor, views: tuple[Camera,
     """What need not be stored: it follows from the surface and the cameras."""
     points = texels.position.permute(1, 2, 0)  # (T, T, 3)
     direction = torch.stack([view_directions(points, camera).permute(2, 0, 1) for camera in views])
-    direction = direction * visible[:, None]
-    cosine = (direction * texels.normal).sum(dim=1).clamp(min=0.0)
+    cosine = (direction * texels.normal).sum(dim=1).clamp(min=0.0) * visible
     pixels = torch.stack([project(points, camera)[0] for camera in views])
-    return TexelViews(color * visible[:, None], visible, direction, cosine, pixels)
+    eyes = torch.stack([camera.center for camera in views])
+    return TexelViews(color * visible[:, None], visible, eyes, cosine, pixels)
 
 
 def _bytes(linear: Tensor) -> np.ndarray:

@@ -7,7 +7,7 @@ atlas is known beforehand (`training.datasets.atlases`).
 import argparse
 import logging
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
@@ -17,7 +17,7 @@ from torch.nn import functional
 from arm_blender import checkpoints
 from arm_blender.graphics.color import srgb_from_linear
 from arm_blender.models.instant_albedo import SMALL, InstantAlbedo, InstantAlbedoConfig
-from arm_blender.structures import TexelMap, TexelViews
+from arm_blender.structures import TexelMap
 
 from .. import distributed
 from ..datasets import atlases
@@ -141,7 +141,7 @@ def augment(atlas: Atlas, channels: Tensor, angle: float) -> Atlas:
     return Atlas(
         images=atlas.images[:, [*channels.tolist(), 3]],
         texels=TexelMap(turned(texels.position), turned(texels.normal), texels.mask),
-        seen=TexelViews(seen.color[:, channels], seen.visibility, turned(seen.direction), seen.cosine, seen.pixels),
+        seen=replace(seen, color=seen.color[:, channels], eyes=seen.eyes @ turn.T),
         base=atlas.base[channels],
         uv=atlas.uv,
         mask=atlas.mask,
