@@ -6,7 +6,7 @@ from pathlib import Path
 
 import torch
 
-from arm_blender.files import whole_file
+from training.evaluation.figures import panels
 from training.evaluation.results import fill_block, markdown_table, paragraphs, write_text
 
 from . import bench_backproject, bench_isosurface, bench_rasterize, bench_unwrap
@@ -38,25 +38,16 @@ def main() -> int:
 
 def plot(samples: dict, seconds: dict, path: Path) -> None:
     """Two panels: samples of the density against the resolution, and seconds of unwrapping against faces."""
-    import matplotlib
-
-    matplotlib.use("agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(1, 2, figsize=(10, 3.8), layout="constrained")
-    for panel, curves, title, x, y in (
-        (axes[0], samples, "Samples of the density", "samples a side", "samples"),
-        (axes[1], seconds, "Unwrapping a wavy ball", "faces", "seconds"),
-    ):
-        for name, points in curves.items():
-            panel.loglog(*zip(*points, strict=True), "o-", label=name)
-        panel.set(title=title, xlabel=x, ylabel=y)
-        panel.grid(alpha=0.3, which="both")
-        panel.legend()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=100)
-    pyplot.close(figure)
+    with panels(path, 2, 10.0, 3.8) as axes:
+        for panel, curves, title, x, y in (
+            (axes[0], samples, "Samples of the density", "samples a side", "samples"),
+            (axes[1], seconds, "Unwrapping a wavy ball", "faces", "seconds"),
+        ):
+            for name, points in curves.items():
+                panel.loglog(*zip(*points, strict=True), "o-", label=name)
+            panel.set(title=title, xlabel=x, ylabel=y)
+            panel.grid(alpha=0.3, which="both")
+            panel.legend()
 
 
 if __name__ == "__main__":

@@ -31,6 +31,7 @@ from arm_blender.graphics.rasterize import Fragments, interpolate, rasterize
 from arm_blender.structures import MaterialMaps, RelightableAsset, UvMesh
 from arm_blender.views.image_io import write_png
 
+from . import furnace
 from .results import markdown_table, paragraphs, write_text
 
 SKY = (24, 48)
@@ -251,6 +252,8 @@ def run(args: argparse.Namespace) -> int:
     picture = args.output.parent / "images" / "shading.png"
     whole = torch.cat(sheet, dim=1).clamp(0.0, 1.0)
     write_png(picture, torch.cat([whole, torch.ones_like(whole[:1])]), srgb=False)
+    curve = args.output.parent / "images" / "furnace.png"
+    furnace.plot(curve)
     text = paragraphs(
         "# Shading against Cycles",
         "PSNR in dB of our direct light (`graphics.environment.shade`) against Cycles' render of the same asset, "
@@ -259,6 +262,11 @@ def run(args: argparse.Namespace) -> int:
         markdown_table(["surface", *get_args(Form)], rows),
         f"![Cycles, ours, and eight times the difference](images/{picture.name})",
         "From left to right: Cycles, our form `cycles`, eight times their difference.",
+        "## The white furnace",
+        "What a white surface sends on out of uniform light of 1. Above 1 energy is made of nothing: only the formulas "
+        "as the paper prints them do that. They take nothing from the diffuse term, so that plastic gains what the "
+        "lobe gives; and their density of normals is not normalised, so that the lobe gains by itself.",
+        f"![Light sent on, by cosine of the view](images/{curve.name})",
         f"Made by `{args.command}`.",
     )
     write_text(args.output, text)

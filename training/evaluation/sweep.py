@@ -18,10 +18,10 @@ import torch
 from arm_blender import pipeline
 from arm_blender.config import QUALITIES, Settings
 from arm_blender.errors import ArmError, EmptyMeshError
-from arm_blender.files import whole_file
 from arm_blender.uv.backproject import BLENDS
 
 from .evaluate import FAILED, add_object_arguments
+from .figures import panels
 from .geometry import compare
 from .objects import EvaluationObject, evaluation_objects
 from .rerender import rerender_psnr
@@ -191,36 +191,27 @@ def document(rows: list[SweepRow], objects: int, command: str, picture: Path) ->
 
 def plot(rows: list[SweepRow], path: Path) -> None:
     """Two panels: Chamfer distance and PSNR against the seconds of all stages, with their Pareto fronts."""
-    import matplotlib
-
-    matplotlib.use("agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(1, 2, figsize=(11, 4.2), layout="constrained")
     losses = [replace(row, psnr=-row.psnr) for row in rows]
-    for panel, name, title, sign in (
-        (axes[0], "chamfer", "Chamfer distance (smaller is better)", 1.0),
-        (axes[1], "psnr", "PSNR of the baked colour, dB (larger is better)", -1.0),
-    ):
-        front = pareto(losses, name)
-        panel.plot([r.seconds for r in front], [sign * getattr(r, name) for r in front], color="0.6", label="front")
-        for label in dict.fromkeys(row.label for row in rows):
-            group = [row for row in losses if row.label == label]
-            marker = "*" if label in QUALITIES else "o"
-            panel.plot(
-                [r.seconds for r in group],
-                [sign * getattr(r, name) for r in group],
-                marker,
-                markersize=13 if marker == "*" else 6,
-                label=label,
-            )
-        panel.set(xlabel="seconds", title=title)
-        panel.grid(alpha=0.3)
-    axes[1].legend(fontsize=8)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=110)
-    pyplot.close(figure)
+    with panels(path, 2, 11.0, 4.2) as axes:
+        for panel, name, title, sign in (
+            (axes[0], "chamfer", "Chamfer distance (smaller is better)", 1.0),
+            (axes[1], "psnr", "PSNR of the baked colour, dB (larger is better)", -1.0),
+        ):
+            front = pareto(losses, name)
+            panel.plot([r.seconds for r in front], [sign * getattr(r, name) for r in front], color="0.6", label="front")
+            for label in dict.fromkeys(row.label for row in rows):
+                group = [row for row in losses if row.label == label]
+                marker = "*" if label in QUALITIES else "o"
+                panel.plot(
+                    [r.seconds for r in group],
+                    [sign * getattr(r, name) for r in group],
+                    marker,
+                    markersize=13 if marker == "*" else 6,
+                    label=label,
+                )
+            panel.set(xlabel="seconds", title=title)
+            panel.grid(alpha=0.3)
+        axes[1].legend(fontsize=8)
 
 
 def _name(row: SweepRow) -> str:
