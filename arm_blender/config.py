@@ -28,7 +28,7 @@ class Preset:
 
 
 PRESETS: dict[str, Preset] = {
-    "small": Preset(reconstruction.SMALL, reconstruction.SMALL, instant_albedo.SMALL),
+    "small": Preset(reconstruction.SMALL, reconstruction.SMALL_GLOSSY, instant_albedo.SMALL),
     "paper": Preset(reconstruction.PAPER, reconstruction.PAPER, instant_albedo.PAPER),
 }
 

@@ -22,6 +22,9 @@ COLORS = 7
 SEEN = 0.45
 """World units behind the visual hull up to which a view's colour counts in a cell: as much as hulls bulge."""
 
+MARGIN = 0.03
+"""World units inside of an outline at which a view's colour counts by half."""
+
 
 @dataclass(frozen=True)
 class FeatureVolumeConfig:
@@ -39,6 +42,19 @@ class FeatureVolumeConfig:
     """The volume has a say in the raw values past the decoder, and a loss of its own in training."""
     colors: bool = False
     """Cells compare the colours that the views show there: where the surface is, they agree."""
+    detail: int = 0
+    """Channels of a second volume of twice the cells a side (detail_volume.py); 0 for none."""
+
+    def color_side(self, side: int) -> int:
+        """Pixels a side of the colours that are compared, in pictures of `side` pixels: about a cell each."""
+        return side // 2 if self.detail else side // 4
+
+
+def cell_centers(grid: int, device: torch.device) -> Tensor:
+    """(grid**3, 3) world centres of the cells, x fastest."""
+    axis = (torch.arange(grid, device=device) + 0.5) / grid * 2.0 - 1.0
+    z, y, x = torch.meshgrid(axis, axis, axis, indexing="ij")
+    return torch.stack([x, y, z], dim=-1).reshape(-1, 3)
 
 
 class ResidualBlock(nn.Module):
@@ -70,15 +86,9 @@ class FeatureVolume(nn.Module):
         self.down2 = nn.Conv3d(middle, coarse, 2, stride=2)
         self.up2, self.up1 = nn.Conv3d(coarse, middle, 1), nn.Conv3d(middle, fine, 1)
 
-    def centers(self, device: torch.device) -> Tensor:
-        """(G**3, 3) world centres of the cells, x fastest."""
-        axis = (torch.arange(self.config.grid, device=device) + 0.5) / self.config.grid * 2.0 - 1.0
-        z, y, x = torch.meshgrid(axis, axis, axis, indexing="ij")
-        return torch.stack([x, y, z], dim=-1).reshape(-1, 3)
-
     def cells(self, views: ViewFeatures) -> Tensor:
         """(B, inputs, G, G, G): mean and spread of the image features over the views, and geometry."""
-        points = self.centers(views.maps.device).expand(views.maps.shape[0], -1, -1)
+        points = cell_centers(self.config.grid, views.maps.device).expand(views.maps.shape[0], -1, -1)
         seen = views.outlines.project(points)
         found = seen.sample(torch.cat([views.maps, views.depth], dim=2))
         features, surface = found[..., :-1], found[..., -1]
@@ -100,7 +110,9 @@ class FeatureVolume(nn.Module):
         ]
         cells = torch.cat([mean, spread, torch.stack(geometry, dim=-1), points], dim=-1)
         if self.config.colors:
-            cells = torch.cat([cells, compared_colors(seen.sample(views.colors), front, seen.framed)], dim=-1)
+            colors = halved(views.colors) if self.config.detail else views.colors
+            clear = seen.framed * clear_of_outlines(distance)
+            cells = torch.cat([cells, compared_colors(seen.sample(colors), front, clear)], dim=-1)
         return cells.transpose(1, 2).unflatten(-1, (self.config.grid,) * 3)
 
     def pooled(self, features: Tensor, front: Tensor, framed: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -145,17 +157,31 @@ def object_colors(images: Tensor, background: float, side: int) -> Tensor:
     return torch.cat([(own[:, :3] / own[:, 3:].clamp(min=1e-3) - 0.5) * (own[:, 3:] > 0.05), own[:, 3:]], dim=1)
 
 
-def compared_colors(found: Tensor, front: Tensor, framed: Tensor) -> Tensor:
+def clear_of_outlines(distance: Tensor) -> Tensor:
+    """In (0, 1): how far a view's colour counts at a signed silhouette distance; near an outline it looks along the
+    surface, and a pixel further may be anything."""
+    return ((distance - MARGIN) / (0.3 * MARGIN)).sigmoid()
+
+
+def halved(colors: Tensor) -> Tensor:
+    """Colours (B, V, 4, h, w) as of `object_colors`, for squares of twice the size."""
+    coverage = colors[:, :, 3:]
+    images = torch.cat([(colors[:, :, :3] + 0.5) * coverage, coverage], dim=2)
+    return object_colors(images.flatten(0, 1), 0.0, colors.shape[-1] // 2).unflatten(0, colors.shape[:2])
+
+
+def compared_colors(found: Tensor, front: Tensor, framed: Tensor, seen: float = SEEN) -> Tensor:
     """What cells know of the colours of views that may see them.
 
     Args:
         found: (B, V, P, 4) colours and coverage as of `object_colors`.
         front, framed: (B, V, P) as in `FeatureVolume.pooled`.
+        seen: world units behind the surface at which a view counts by half.
     Returns:
         (B, P, COLORS).
     """
     color, coverage = found[..., :3], found[..., 3]
-    weight = (framed * coverage * ((front + SEEN) / 0.15).sigmoid()).unsqueeze(-1)
+    weight = (framed * coverage * ((front + seen) / (seen / 3.0)).sigmoid()).unsqueeze(-1)
     total = weight.sum(dim=1)
     mean = (weight * color).sum(dim=1) / (total + 1e-3)
     variance = (weight * (color - mean.unsqueeze(1)).square()).sum(dim=1) / (total + 1e-3)

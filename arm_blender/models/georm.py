@@ -6,15 +6,13 @@ import torch
 from torch import Tensor, nn
 
 from .reconstruction import EncodedViews, NetworkViews, ReconstructionConfig, ReconstructionModel
+from .visual_hull import hull_vote
 
 ISO_DENSITY = 10.0
 """Density at the surface (InstantMesh)."""
 
 RAW_ISO = 1.0 + math.log(math.expm1(ISO_DENSITY))
 """The raw value whose density, softplus(raw - 1), is `ISO_DENSITY`."""
-
-HULL_REACH, HULL_DEPTH = 0.25, 0.04
-"""World units outside and inside of the visual hull over which it votes on the occupancy."""
 
 
 class GeoRM(nn.Module):
@@ -36,16 +34,15 @@ class GeoRM(nn.Module):
         grid edges is accurate; the density itself, softplus of it, bends there.
         """
         raw, hull = self.model.decode(encoded, points)
-        return raw.squeeze(-1) if hull is None else raw.squeeze(-1) + self.hull_vote(hull)
+        return raw.squeeze(-1) if hull is None else raw.squeeze(-1) + self._hull_vote(hull)
 
     def coarse_logit(self, encoded: EncodedViews, points: Tensor) -> Tensor:
-        """As `occupancy_logit`, by the feature volume alone: smooth, and cheap."""
+        """As `occupancy_logit`, by the feature volumes alone."""
         hull = encoded.views.outlines.hull_distance(points)
-        return self.model.decode_coarse(encoded, points).squeeze(-1) + self.hull_vote(hull)
+        return self.model.decode_coarse(encoded, points).squeeze(-1) + self._hull_vote(hull)
 
-    def hull_vote(self, hull: Tensor) -> Tensor:
-        """Occupancy logits for a hull distance: outside there is nothing; inside, learning decides, so it is weak."""
-        return self.config.pixel_aligned.hull_gain * hull.clamp(-HULL_REACH, HULL_DEPTH)
+    def _hull_vote(self, hull: Tensor) -> Tensor:
+        return hull_vote(hull, self.config.pixel_aligned.hull_gain)
 
     def density(self, encoded: EncodedViews, points: Tensor) -> Tensor:
         """(B, P) volume density >= 0 at world points (B, P, 3); `ISO_DENSITY` on the surface."""

@@ -25,7 +25,10 @@ class GlossyRM(nn.Module):
         return self.model.decode(encoded, points)[0].sigmoid()
 
     def load_geometry(self, weights: dict[str, Tensor]) -> None:
-        """Start from GeoRM's weights: all but the last layers, whose outputs mean something else."""
+        """Start from GeoRM's weights: all but the last layers, whose outputs mean something else, and the details."""
         last = (f"model.decoder.{len(self.model.decoder) - 1}.", "model.coarse.")
         own = self.state_dict()
-        self.load_state_dict({key: own[key] if key.startswith(last) else value for key, value in weights.items()})
+        kept = {key: value for key, value in weights.items() if not key.startswith((*last, "model.detail"))}
+        first = "model.decoder.0.weight"  # What the details tell stands last.
+        kept[first] = kept[first][:, : own[first].shape[1]]
+        self.load_state_dict({**{key: value for key, value in own.items() if key.startswith(last)}, **kept})

@@ -11,6 +11,7 @@ from torch.nn import functional as F
 
 from ..graphics.color import composite, srgb_from_linear
 from ..structures import ViewSet, stack_cameras
+from .detail_volume import DetailVolume
 from .feature_volume import FeatureVolume, FeatureVolumeConfig, object_colors, plane_columns, sample_volume
 from .image_encoder import ImageEncoder, ImageEncoderConfig, camera_embedding
 from .pixel_aligned import FeaturePyramid, PixelAlignedConfig, PointReader, ViewFeatures
@@ -45,9 +46,12 @@ SMALL = ReconstructionConfig(
     upsampler=UpsamplerConfig(filters=48, blocks=1, growth=16, doublings=2, channels=16),
     decoder=DecoderConfig(hidden_layers=3, hidden=64),
     pixel_aligned=PixelAlignedConfig(normed=True),
-    volume=FeatureVolumeConfig(channels=24, hidden=0.2, votes=True, colors=True),
+    volume=FeatureVolumeConfig(channels=24, hidden=0.2, votes=True, colors=True, detail=16),
 )
-"""The same modules, sized for two CPU cores, with pixel-aligned features."""
+"""The same modules, sized for two CPU cores, with pixel-aligned features: GeoRM's."""
+
+SMALL_GLOSSY = replace(SMALL, volume=replace(SMALL.volume, detail=0))
+"""GlossyRM's: where exactly the surface is, it is told by the mesh."""
 
 
 @dataclass(frozen=True)
@@ -111,16 +115,19 @@ class EncodedViews:
         planes: (B, 3, C, R, R).
         views: pixel-aligned features, or None in the paper's configuration.
         volume: (B, C, G, G, G) coarse features, or None with `views`.
+        detail: (B, D, 2 G, 2 G, 2 G) finer ones, or None.
     """
 
     planes: Tensor
     views: ViewFeatures | None
     volume: Tensor | None
+    detail: Tensor | None = None
 
     def float(self) -> "EncodedViews":
         """The same in float32: what an encoding under autocast is decoded from."""
         views = self.views and replace(self.views, maps=self.views.maps.float(), depth=self.views.depth.float())
-        return EncodedViews(self.planes.float(), views, None if self.volume is None else self.volume.float())
+        volume, detail = (None if x is None else x.float() for x in (self.volume, self.detail))
+        return EncodedViews(self.planes.float(), views, volume, detail)
 
 
 class ReconstructionModel(nn.Module):
@@ -140,8 +147,12 @@ class ReconstructionModel(nn.Module):
             self.reader = PointReader(config.pixel_aligned)
             self.volume = FeatureVolume(config.volume, config.pixel_aligned.channels)
             self.start = nn.Linear(2 * config.volume.channels, config.transformer.width)
-            inputs += self.reader.outputs + config.volume.channels
+            cells = config.volume.channels + config.volume.detail
+            inputs += self.reader.outputs + cells
             self.coarse = nn.Linear(config.volume.channels, outputs) if config.volume.votes else None
+            if config.volume.detail:
+                self.detail = DetailVolume(config.volume, config.pixel_aligned.hull_gain)
+                self.detail_vote = nn.Linear(config.volume.detail, outputs)
         self.decoder = decoder(config.decoder, inputs, outputs)
 
     def encode(self, views: NetworkViews) -> EncodedViews:
@@ -152,7 +163,13 @@ class ReconstructionModel(nn.Module):
         start = self.starting_tokens(volume) if features else None
         coarse = self.transformer(tokens.reshape(batch, -1, tokens.shape[-1]), start)  # (B, 3, D, R, R)
         planes = self.upsampler(coarse.flatten(0, 1)).unflatten(0, (batch, 3))
-        return EncodedViews(planes, features, volume)
+        return EncodedViews(planes, features, volume, self.refined(features, volume))
+
+    def refined(self, features: ViewFeatures | None, volume: Tensor | None) -> Tensor | None:
+        """The detail volume, where the configuration has one; the coarse vote is then an occupancy's logit."""
+        if not (self.config.volume and self.config.volume.detail):
+            return None
+        return self.detail(features, volume, self.coarse(volume.movedim(1, -1)).movedim(-1, 1))
 
     def look(self, views: NetworkViews) -> tuple[Tensor, ViewFeatures | None]:
         """What is found in each view by itself: (B * V, L, D) tokens, and the pixel-aligned features if there are."""
@@ -184,7 +201,8 @@ class ReconstructionModel(nn.Module):
         shape = views.images.shape[:2]
         colors = None
         if self.config.volume.colors:
-            colors = object_colors(images, self.config.background, side // 4).unflatten(0, shape)
+            smaller = self.config.volume.color_side(side)
+            colors = object_colors(images, self.config.background, smaller).unflatten(0, shape)
         return ViewFeatures(maps.unflatten(0, shape), depth.unflatten(0, shape), outlines, colors)
 
     def starting_tokens(self, volume: Tensor) -> Tensor:
@@ -207,10 +225,17 @@ class ReconstructionModel(nn.Module):
         if encoded.views is None:
             return self.decoder(features), None
         read, hull = self.reader(encoded.views, points)
-        cell = sample_volume(encoded.volume, points)
-        raw = self.decoder(torch.cat([features, read, cell], dim=-1))
-        return raw if self.coarse is None else raw + self.coarse(cell), hull
+        parts = [features, read, sample_volume(encoded.volume, points)]
+        if encoded.detail is not None:
+            parts.append(sample_volume(encoded.detail, points))
+        raw = self.decoder(torch.cat(parts, dim=-1))
+        return raw if self.coarse is None else raw + self._vote(*parts[2:]), hull
 
     def decode_coarse(self, encoded: EncodedViews, points: Tensor) -> Tensor:
-        """The volume's own vote on the raw values, (B, P, outputs) at world points (B, P, 3)."""
-        return self.coarse(sample_volume(encoded.volume, points))
+        """The volumes' own vote on the raw values, (B, P, outputs) at world points (B, P, 3)."""
+        volumes = [x for x in (encoded.volume, encoded.detail) if x is not None]
+        return self._vote(*(sample_volume(volume, points) for volume in volumes))
+
+    def _vote(self, cell: Tensor, detail: Tensor | None = None) -> Tensor:
+        vote = self.coarse(cell)
+        return vote if detail is None else vote + self.detail_vote(detail)

@@ -3,6 +3,7 @@
 Laurentini, "The visual hull concept for silhouette-based image understanding" (PAMI 1994).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -14,6 +15,9 @@ NEAREST = 0.05
 
 UNFRAMED = 0.5
 """Distance that a view reports where it frames nothing: neither inside nor outside, so never the least."""
+
+VOTE_OUTSIDE, VOTE_INSIDE = 0.25, 0.04
+"""World units outside and inside of the visual hull over which it votes on the occupancy."""
 
 REACH = 1.75
 """A little over the box's half diagonal: rays are searched this far before and behind the origin."""
@@ -87,15 +91,29 @@ class Outlines:
         """(B, P) least signed silhouette distance over the views, world units: positive inside the visual hull."""
         return self.read(self.project(points))[1].amin(dim=1)
 
-    @torch.no_grad()
     def hull_depth(self, side: int, steps: int = 24) -> Tensor:
-        """Where the ray of every pixel first meets the visual hull within the box.
+        """Where the ray of every pixel first meets the visual hull within the box, as `first_met`."""
+
+        def distance(item: int, points: Tensor) -> Tensor:
+            return self.item(item).hull_distance(points[None])[0]
+
+        return self.first_met(side, distance, steps)
+
+    def item(self, index: int) -> "Outlines":
+        """Those of one object, B = 1."""
+        only = slice(index, index + 1)
+        return Outlines(self.silhouette[only], self.c2w[only], self.K[only])
+
+    @torch.no_grad()
+    def first_met(self, side: int, solid: Callable[[int, Tensor], Tensor], steps: int) -> Tensor:
+        """Where the ray of every pixel first meets a solid within the box.
 
         Args:
             side: pixels a side of the result.
+            solid: of an object (its number) and world points (P, 3) a value (P,), positive inside.
             steps: samples along a ray; between two of them the crossing is linear.
         Returns:
-            (B, V, 2, side, side): 1 where the hull is met, and the depth there beyond the origin's, world units;
+            (B, V, 2, side, side): 1 where the solid is met, and the depth there beyond the origin's, world units;
             0 where it is not.
         """
         batch, views = self.c2w.shape[:2]
@@ -113,18 +131,26 @@ class Outlines:
             rays = (c2w[:, :3, :3] * rays.unsqueeze(1)).sum(dim=-1)
             depth = (reach[:, None] + offsets).clamp(min=NEAREST)  # (R, steps)
             points = c2w[:, None, :3, 3] + rays[:, None] * depth[..., None]
-            only = Outlines(self.silhouette[item : item + 1], self.c2w[item : item + 1], self.K[item : item + 1])
             # The object lies in the box: without it the hull of a single view would begin at the camera.
-            distance = only.hull_distance(points.reshape(1, -1, 3)).view(depth.shape)
-            distance = torch.minimum(distance, 1.0 - points.abs().amax(dim=-1))
-            inside = distance > 0
+            value = solid(item, points.reshape(-1, 3)).view(depth.shape)
+            value = torch.minimum(value, 1.0 - points.abs().amax(dim=-1))
+            inside = value > 0
             met, first = inside.any(dim=1), inside.int().argmax(dim=1).clamp(min=1)
-            after, before = (distance.gather(1, (first - back)[:, None])[:, 0] for back in (0, 1))
+            after, before = (value.gather(1, (first - back)[:, None])[:, 0] for back in (0, 1))
             share = (after / (after - before).clamp(min=1e-6)).clamp(0.0, 1.0)
             crossing = depth.gather(1, first[:, None])[:, 0] - share * (offsets[1] - offsets[0]) - reach
             result[item, view, 0, row, column] = met.to(result)
             result[item, view, 1, row, column] = torch.where(met, crossing, 0.0)
         return result
+
+
+def hull_vote(hull: Tensor, gain: float) -> Tensor:
+    """Occupancy logits for hull distances: outside there is nothing; inside, learning decides, so the vote is weak.
+
+    Args:
+        hull: world units, as of `Outlines.hull_distance`. gain: logits for each of them.
+    """
+    return gain * hull.clamp(-VOTE_OUTSIDE, VOTE_INSIDE)
 
 
 ROWS_AT_ONCE = 64

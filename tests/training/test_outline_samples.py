@@ -17,7 +17,7 @@ HALF = np.array([0.9, 0.5, 0.3], np.float32)
 @pytest.fixture(autouse=True)
 def all_views(monkeypatch):
     """What is said of hulls here is said of six views."""
-    monkeypatch.setattr(outline_samples, "drop_views", lambda generator: torch.arange(6))
+    monkeypatch.setattr(outline_samples, "drop_views", lambda *_: torch.arange(6))
 
 
 def write_rig(path, mesh: trimesh.Trimesh) -> None:
@@ -53,7 +53,7 @@ def solids(tmp_path_factory):
 def test_what_is_solid_lies_in_the_hull_and_most_of_the_hull_is_solid(solids, seed):
     batch = outline_samples.batch(solids, 2, 3000, torch.Generator().manual_seed(seed))
     hull = batch.outlines.hull_distance(batch.points)
-    pixel = outline_samples.FRAME / outline_samples.SIZE
+    pixel = outline_samples.FRAME / min(outline_samples.SIZES)
     assert bool((hull[batch.distance > 0] > -pixel).all())
     assert float((batch.distance[hull > 0] > 0).float().mean()) > 0.5
     assert bool((batch.points.abs() <= 1.0).all())
@@ -61,7 +61,7 @@ def test_what_is_solid_lies_in_the_hull_and_most_of_the_hull_is_solid(solids, se
 
 def test_views_are_dropped_with_their_colours(solids, monkeypatch):
     whole = outline_samples.batch(solids, 1, 100, torch.Generator().manual_seed(0))
-    monkeypatch.setattr(outline_samples, "drop_views", lambda generator: torch.tensor([1, 4]))
+    monkeypatch.setattr(outline_samples, "drop_views", lambda *_: torch.tensor([1, 4]))
     some = outline_samples.batch(solids, 1, 100, torch.Generator().manual_seed(0))
     assert torch.equal(some.outlines.c2w, whole.outlines.c2w[:, [1, 4]])
     assert torch.equal(some.outlines.silhouette, whole.outlines.silhouette[:, [1, 4]])
@@ -81,7 +81,7 @@ def test_a_stretched_object_keeps_its_colours(solids, monkeypatch, seed):
     monkeypatch.setattr(torch.Tensor, "uniform_", lambda self, *_, **__: self.fill_(1.0))
     batch = outline_samples.batch(solids, 1, 3000, torch.Generator().manual_seed(seed))
     shown = batch.colors[0]
-    assert shown.shape == (6, 4, outline_samples.HULL_SIDE, outline_samples.HULL_SIDE)
+    assert shown.shape == (6, 4, outline_samples.COLORED, outline_samples.COLORED)
     full = shown[:, 3] > 0.99
     values = (shown[:, :3] + 0.5).movedim(1, -1)[full]
     # A point of the box lies on one of its six sides: one channel is at that side's value.

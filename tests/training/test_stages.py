@@ -128,7 +128,7 @@ def test_outlines_teach_the_fields_side_and_leave_image_features_without_a_say(s
     assert command.main(["fit", "georm-outlines", *words, str(second), "--start", str(first), "--minutes", "0.03"]) == 0
     before, (config, after) = (checkpoints.load(path, ReconstructionConfig) for path in (first, second))
     changed = {key.split(".")[1] for key, value in before[1].items() if not torch.equal(value, after[key])}
-    assert changed == {"volume", "coarse", "reader", "decoder", "pyramid"}
+    assert changed == {"volume", "coarse", "detail", "detail_vote", "reader", "decoder", "pyramid"}
     # Of the pyramid only the depth head, which is silenced.
     pyramid = {key for key, value in before[1].items() if ".pyramid." in key and not torch.equal(value, after[key])}
     assert all(".to_depth." in key for key in pyramid)
@@ -152,7 +152,8 @@ def has_a_say(shards, config: ReconstructionConfig, weights: dict) -> bool:
     views = point_samples.expanded(point_samples.load_occupancy(next(shards.glob("ball/rig_0.npz"))).views)
     encoded = network.encode(views)
     other = replace(encoded.views, maps=torch.randn_like(encoded.views.maps))
-    changed = EncodedViews(torch.randn_like(encoded.planes), other, network.model.volume(other))
+    volume = network.model.volume(other)
+    changed = EncodedViews(torch.randn_like(encoded.planes), other, volume, network.model.refined(other, volume))
     points = torch.rand(1, 50, 3) - 0.5
     return not torch.equal(network.occupancy_logit(encoded, points), network.occupancy_logit(changed, points))
 

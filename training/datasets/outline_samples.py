@@ -27,8 +27,8 @@ from .point_samples import drop_views, is_held_out, rotation_z
 
 logger = logging.getLogger(__name__)
 
-SIZE = 160
-"""Pixels a side of the outlines."""
+SIZES = (160, 160, 240, 320)
+"""Pixels a side of the outlines, one drawn a batch: small ones are fast, users' are large. Multiples of `COLORED`."""
 
 COLORED = 80
 """Pixels a side at which colours are looked up; the network's cells compare squares of two by two."""
@@ -44,6 +44,9 @@ MOST_FACES = 50_000
 
 HULL_SIDE = 40
 """Pixels a side of the colours that cells compare, and of the hull's depth: what the network takes of a picture."""
+
+DROPPED = 0.25
+"""Share of the steps that see fewer than six views: from scratch a network forgets what it does not see often."""
 
 STRETCH = 0.4
 """Largest logarithm of the factor along an axis."""
@@ -112,11 +115,11 @@ def _cloud(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 def batch(solids: list[Solid], count: int, points: int, generator: torch.Generator) -> OutlineBatch:
     """`count` of the objects, each stretched, turned and seen anew by the same views, at `points` points."""
-    drawn = []
+    drawn, size = [], SIZES[int(torch.randint(len(SIZES), (), generator=generator))]
     for _ in range(count):
         solid = solids[int(torch.randint(len(solids), (), generator=generator))]
-        drawn.append(_seen(solid, _moved(solid, generator), points, generator))
-    keep = drop_views(generator)
+        drawn.append(_seen(solid, _moved(solid, generator), size, points, generator))
+    keep = drop_views(generator, DROPPED)
     parts = [torch.cat([getattr(s.outlines, name)[:, keep] for s in drawn]) for name in ("silhouette", "c2w", "K")]
     return OutlineBatch(
         Outlines(*parts),
@@ -159,7 +162,7 @@ def _moved(solid: Solid, generator: torch.Generator) -> Solid:
     return Solid(mesh, points[kept], distance[kept], solid.clouds)
 
 
-def _rig(generator: torch.Generator) -> list[Camera]:
+def _rig(size: int, generator: torch.Generator) -> list[Camera]:
     """Mostly the Zero123++ rig; otherwise one like it."""
     turn, distance, jitter = 0.0, 6.0, torch.zeros(2, 6)
     if _uniform(0.0, 1.0, generator) < 0.25:
@@ -167,14 +170,14 @@ def _rig(generator: torch.Generator) -> list[Camera]:
         jitter = 10.0 * torch.randn(2, 6, generator=generator)
     fovy = 2.0 * math.degrees(math.atan(0.5 * FRAME / distance))
     return [
-        orbit_camera(azimuth + turn + float(a), elevation + float(b), distance, fovy, SIZE, SIZE)
+        orbit_camera(azimuth + turn + float(a), elevation + float(b), distance, fovy, size, size)
         for azimuth, elevation, a, b in zip(AZIMUTHS_DEG, ELEVATIONS_DEG, *jitter, strict=True)
     ]
 
 
-def _seen(solid: Solid, moved: Solid, points: int, generator: torch.Generator) -> OutlineBatch:
+def _seen(solid: Solid, moved: Solid, size: int, points: int, generator: torch.Generator) -> OutlineBatch:
     """What a rig sees of `moved`, which is `solid` stretched and turned, and some of its points; B = 1."""
-    cameras = _rig(generator)
+    cameras = _rig(size, generator)
     fragments = rasterize_views(moved.mesh.vertices, moved.mesh.faces, cameras)
     coverage = fragments.mask.float()
     silhouette = torch.stack([coverage, signed_silhouette_distance(coverage)], dim=1)
@@ -190,8 +193,9 @@ def _seen(solid: Solid, moved: Solid, points: int, generator: torch.Generator) -
 
 def _colors(solid: Solid, fragments: Fragments, generator: torch.Generator) -> Tensor:
     """(V, 4, h, w) as in `ViewFeatures`: what pixels show of `solid`, under one of the lights it was rendered in."""
-    step = SIZE // COLORED
-    face_id, barycentric = fragments.face_id[:, ::step, ::step], fragments.barycentric[:, :, ::step, ::step]
+    step = fragments.face_id.shape[-1] // COLORED
+    middle = slice(step // 2, None, step)
+    face_id, barycentric = fragments.face_id[:, middle, middle], fragments.barycentric[:, :, middle, middle]
     view, row, column = (face_id >= 0).nonzero(as_tuple=True)
     corner = solid.mesh.vertices[solid.mesh.faces[face_id[view, row, column]]]  # (P, 3, 3)
     place = (barycentric[view, :, row, column][..., None] * corner).sum(dim=1)
@@ -205,4 +209,4 @@ def _colors(solid: Solid, fragments: Fragments, generator: torch.Generator) -> T
         gain = gain * torch.empty(len(face_id), 1).uniform_(0.95, 1.05, generator=generator)
         color = (color[:, torch.randperm(3, generator=generator)] * gain[view]).clamp(max=1.0)
         image[view, :, row, column] = torch.cat([color, torch.ones(len(color), 1)], dim=1)
-    return object_colors(image, 0.0, HULL_SIDE)
+    return object_colors(image, 0.0, COLORED)

@@ -114,10 +114,10 @@ def expanded(views: NetworkViews) -> NetworkViews:
     return NetworkViews(views.images.float() / 255.0, views.silhouette.float(), views.c2w, views.K)
 
 
-def drop_views(generator: torch.Generator) -> Tensor:
-    """Indices of the input views that a step keeps: all six, or in one of ten steps 1 to 5 of them."""
+def drop_views(generator: torch.Generator, share: float = 0.1) -> Tensor:
+    """Indices of the input views that a step keeps: all six, or in a share of the steps 1 to 5 of them."""
     count = 6
-    if float(torch.rand((), generator=generator)) < 0.1:
+    if float(torch.rand((), generator=generator)) < share:
         count = int(torch.randint(1, 6, (), generator=generator))
     return torch.randperm(6, generator=generator)[:count].sort().values
 

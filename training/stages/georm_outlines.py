@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
         def logit(views: NetworkViews, points: Tensor) -> Tensor:
             outlines = Outlines(views.silhouette.float(), views.c2w, views.K)
             pictures = expanded(views).images.flatten(0, 1)
-            colors = object_colors(pictures, SMALL.background, outline_samples.HULL_SIDE)[None]
+            colors = object_colors(pictures, SMALL.background, outline_samples.COLORED)[None]
             return averaged.occupancy_logit(encode_outlines(averaged, outlines, colors), points)
 
         return validate(held_out, logit)

@@ -14,7 +14,7 @@ from torch.nn import functional as F
 
 from arm_blender import checkpoints
 from arm_blender.models.glossyrm import GlossyRM
-from arm_blender.models.reconstruction import SMALL, ReconstructionConfig
+from arm_blender.models.reconstruction import SMALL_GLOSSY, ReconstructionConfig
 
 from .. import distributed
 from ..datasets import point_samples, shards
@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Train and write the averaged weights."""
     torch.manual_seed(args.seed)
-    model = GlossyRM(SMALL)
+    model = GlossyRM(SMALL_GLOSSY)
     if args.georm:
         model.load_geometry(checkpoints.load(args.georm, ReconstructionConfig)[1])
     if args.start:
@@ -76,5 +76,5 @@ def run(args: argparse.Namespace) -> int:
 
     averaged = trainer.run(step, lambda m: validate(m, samples.held_out, constant, side))
     if distributed.rank() == 0:
-        checkpoints.save(args.output, averaged.state_dict(), SMALL, name="small.glossyrm")
+        checkpoints.save(args.output, averaged.state_dict(), SMALL_GLOSSY, name="small.glossyrm")
     return 0

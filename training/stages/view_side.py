@@ -79,7 +79,10 @@ class Once:
         channels = network.config.pixel_aligned.channels
         maps, colors, depth = views.images.float().tensor_split((channels, views.images.shape[2] - 1), dim=2)
         outlines = Outlines(views.silhouette.float(), views.c2w, views.K)
-        own = F.avg_pool2d(colors.flatten(0, 1), 2).unflatten(0, colors.shape[:2]) if colors.shape[2] else None
+        own = None
+        if colors.shape[2]:
+            side = network.config.volume.color_side(network.config.encoder.image_size)
+            own = F.adaptive_avg_pool2d(colors.flatten(0, 1), side).unflatten(0, colors.shape[:2])
         return without_planes(network, ViewFeatures(maps, depth, outlines, own))
 
 
@@ -98,7 +101,8 @@ def encode_outlines(network: Network, outlines: Outlines, colors: Tensor | None)
 def without_planes(network: Network, features: ViewFeatures) -> EncodedViews:
     """The field's side of an encoding."""
     planes = features.depth.new_zeros(len(features.depth), 3, network.config.upsampler.channels, 2, 2)
-    return EncodedViews(planes, features, network.model.volume(features))
+    volume = network.model.volume(features)
+    return EncodedViews(planes, features, volume, network.model.refined(features, volume))
 
 
 @torch.no_grad()
