@@ -166,3 +166,10 @@ def test_the_callers_threads_and_seed_come_back(views):
     with pytest.raises(ArmError):
         pipeline.generate(views, replace(QUICK, threads=threads + 1, preset="paper"))
     assert torch.get_num_threads() == threads and torch.equal(torch.get_rng_state(), random)
+
+
+def test_instantmesh_takes_the_material_from_small():
+    settings = Settings(preset="instantmesh")
+    assert settings.weights("georm").name == "instantmesh.georm.safetensors"
+    for network in ("glossyrm", "instant_albedo"):
+        assert settings.weights(network) == Settings(preset="small").weights(network)

@@ -46,6 +46,11 @@ class ReconstructionConfig:
 PAPER = ReconstructionConfig()
 """The paper's table 4, and reference facts where it is silent."""
 
+INSTANTMESH = ReconstructionConfig(
+    upsampler=UpsamplerConfig(deconvolution=True), decoder=DecoderConfig(hidden_layers=3, hidden=64), front="+x"
+)
+"""What InstantMesh's weights need: its decoder and frame, and its deconvolution beneath the paper's upsampler."""
+
 SMALL = ReconstructionConfig(
     encoder=ImageEncoderConfig(
         image_size=160, position_grid=10, width=96, depth=3, heads=6, mean=(0.5,) * 3, std=(0.5,) * 3
