@@ -59,7 +59,7 @@ def import_weights(source: Path, kind: str, output: Path | None = None) -> tuple
     registered, convert = KINDS[kind]
     path = output or checkpoints.shipped(registered)
     check_output(path.parent)
-    converted = convert(read_tensors(source), source.name)
+    converted = convert(read_tensors(source), str(source))
     metadata = {
         "source": source.name,
         "source_sha256": checkpoints.sha256(source),

@@ -49,7 +49,8 @@ PAPER = ReconstructionConfig()
 INSTANTMESH = ReconstructionConfig(
     upsampler=UpsamplerConfig(deconvolution=True), decoder=DecoderConfig(hidden_layers=3, hidden=64), front="+x"
 )
-"""What InstantMesh's weights need: its decoder and frame, and its deconvolution beneath the paper's upsampler."""
+"""What InstantMesh's weights need: its decoder and frame, and its deconvolution beneath the paper's upsampler. The mean
+and deviation of its images are those that DINO was trained with; InstantMesh reads its own from a file not at hand."""
 
 SMALL = ReconstructionConfig(
     encoder=ImageEncoderConfig(
