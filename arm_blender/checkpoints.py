@@ -101,15 +101,17 @@ def save(
         ValueError: a value is not finite, or does not fit into float16.
         OutputError: the file cannot be written.
     """
-    tensors = {}
+    tensors, places = {}, set()
     for key, tensor in state.items():
         stored = tensor.detach().cpu().contiguous()
         if stored.is_floating_point():
             stored = stored.to(torch.float16 if half else torch.float32)
             if not bool(torch.isfinite(stored).all()):
                 raise ValueError(f"{key}: a value is not finite in {stored.dtype}")
-        # Tied weights share memory, which safetensors refuses; each key gets its own.
-        tensors[key] = stored.clone()
+        # Tied weights share memory, which safetensors refuses: all but the first get their own.
+        place = stored.untyped_storage().data_ptr()
+        tensors[key] = stored.clone() if place in places else stored
+        places.add(place)
     header = dict(metadata or {})
     header |= {"format": FORMAT, "name": name, "type": type(config).__name__}
     header["config"] = json.dumps(dataclasses.asdict(config), sort_keys=True)
