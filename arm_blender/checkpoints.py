@@ -50,6 +50,7 @@ class Weights:
 
 _SHIPPED = "install the project again, or train it: python -m training fit --help"
 _OWN = "this preset ships without weights: train it (python -m training fit --help), or choose --preset small"
+_BRING = "bring {}: python -m arm_blender weights import FILE --as {}"
 
 REGISTRY = (
     Weights("small.georm", "geometry from views on a CPU", "GPL-3.0-or-later", _SHIPPED),
@@ -58,6 +59,24 @@ REGISTRY = (
     Weights("paper.georm", "geometry at the paper's size", "your own", _OWN),
     Weights("paper.glossyrm", "roughness and metallic at the paper's size", "your own", _OWN),
     Weights("paper.instant_albedo", "albedo at the paper's size", "your own", _OWN),
+    Weights(
+        "instantmesh.georm",
+        "geometry by InstantMesh's network",
+        "CC-BY-NC-4.0",
+        _BRING.format("InstantMesh's instant_nerf_large.ckpt", "georm") + ", or choose --preset small",
+    ),
+    Weights(
+        "paper.image_encoder",
+        "what training GeoRM at the paper's size begins with",
+        "Apache-2.0",
+        _BRING.format("DINO's ViT-B/16", "image-encoder"),
+    ),
+    Weights(
+        "paper.material_encoder",
+        "what training InstantAlbedo at the paper's size begins with",
+        "Apache-2.0",
+        _BRING.format("DINO's ViT-B/8", "material-encoder"),
+    ),
 )
 
 
@@ -82,15 +101,17 @@ def save(
         ValueError: a value is not finite, or does not fit into float16.
         OutputError: the file cannot be written.
     """
-    tensors = {}
+    tensors, places = {}, set()
     for key, tensor in state.items():
         stored = tensor.detach().cpu().contiguous()
         if stored.is_floating_point():
             stored = stored.to(torch.float16 if half else torch.float32)
             if not bool(torch.isfinite(stored).all()):
                 raise ValueError(f"{key}: a value is not finite in {stored.dtype}")
-        # Tied weights share memory, which safetensors refuses; each key gets its own.
-        tensors[key] = stored.clone()
+        # Tied weights share memory, which safetensors refuses: all but the first get their own.
+        place = stored.untyped_storage().data_ptr()
+        tensors[key] = stored.clone() if place in places else stored
+        places.add(place)
     header = dict(metadata or {})
     header |= {"format": FORMAT, "name": name, "type": type(config).__name__}
     header["config"] = json.dumps(dataclasses.asdict(config), sort_keys=True)
@@ -229,14 +250,18 @@ def verify(name: str, folder: Path = FOLDER) -> str:
     return found
 
 
-def record(folder: Path = FOLDER) -> None:
+def record(folder: Path = FOLDER, only: Path | None = None) -> None:
     """Write `SHA256SUMS` for every checkpoint in `folder`, in the format of `sha256sum --check`.
 
+    Args:
+        only: this file; what was recorded of the others stays, so that damage to them is still noticed.
     Raises:
         OutputError: the file cannot be written.
     """
     # What is hidden is a file that is being written.
-    lines = [f"{sha256(path)}  {path.name}\n" for path in sorted(folder.glob("[!.]*.safetensors"))]
+    files = [only] if only else sorted(folder.glob("[!.]*.safetensors"))
+    sums = (recorded_sums(folder) if only else {}) | {path.name: sha256(path) for path in files}
+    lines = [f"{digest}  {name}\n" for name, digest in sorted(sums.items())]
     with whole_file(folder / SUMS) as temporary:
         temporary.write_text("".join(lines), encoding="utf-8")
 

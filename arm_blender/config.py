@@ -13,7 +13,7 @@ from .models.instant_albedo import InstantAlbedoConfig
 from .models.reconstruction import ReconstructionConfig
 from .uv.backproject import BLENDS
 
-PresetName = Literal["small", "paper"]
+PresetName = Literal["small", "paper", "instantmesh"]
 QualityName = Literal["draft", "balanced", "final"]
 BlendName = Literal["robust", "weighted", "sharpest"]
 
@@ -25,11 +25,17 @@ class Preset:
     georm: ReconstructionConfig
     glossyrm: ReconstructionConfig
     instant_albedo: InstantAlbedoConfig
+    material: PresetName | None = None
+    """Preset whose weights of GlossyRM and InstantAlbedo are taken; None for its own."""
 
 
 PRESETS: dict[str, Preset] = {
     "small": Preset(reconstruction.SMALL, reconstruction.SMALL_GLOSSY, instant_albedo.SMALL),
     "paper": Preset(reconstruction.PAPER, reconstruction.PAPER, instant_albedo.PAPER),
+    # InstantMesh has no networks of the material, and those of `small` need to know nothing of the shape's.
+    "instantmesh": Preset(
+        reconstruction.INSTANTMESH, reconstruction.SMALL_GLOSSY, instant_albedo.SMALL, material="small"
+    ),
 }
 
 
@@ -123,4 +129,5 @@ class Settings:
 
     def weights(self, network: str) -> Path:
         """The weights file of "georm", "glossyrm" or "instant_albedo"."""
-        return checkpoints.shipped(f"{self.preset}.{network}")
+        own = self.preset if network == "georm" else PRESETS[self.preset].material or self.preset
+        return checkpoints.shipped(f"{own}.{network}")

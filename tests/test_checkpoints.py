@@ -59,6 +59,16 @@ def test_config_and_weights_come_back_equal(path):
     assert checkpoints.read_header(path)["data"] == "none"
 
 
+def test_tensors_that_share_memory_come_back_each_by_itself(path):
+    whole = torch.arange(12.0).reshape(4, 3)
+    state = {"whole": whole, "tied": whole, "rows": whole[1:3], "turned": whole.T}
+    checkpoints.save(path, state, CONFIG, "test")
+    _, found = checkpoints.load(path, OuterConfig)
+    assert all(torch.equal(found[key], state[key]) for key in state)
+    checkpoints.save(path, {"rows": whole[1:3], "last": whole[3:]}, CONFIG, "test")
+    assert torch.equal(checkpoints.load(path, OuterConfig)[1]["rows"], whole[1:3])
+
+
 def test_half_precision_rounds_once_and_loads_as_float32(path):
     checkpoints.save(path, module().state_dict(), CONFIG, "test", half=True)
     _, state = checkpoints.load(path, OuterConfig)

@@ -22,7 +22,7 @@ LAYERS = [  # A module imports from its own layer and from earlier ones.
         "graphics",
     },  # structures holds cameras, and graphics fills structures.
     {"models", "uv", "views", "checkpoints"},
-    {"config", "report", "export"},
+    {"config", "report", "export", "weights_import"},
     {"pipeline"},
     {"blender", "commands", "__main__", "__init__"},
 ]

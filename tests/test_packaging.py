@@ -1,8 +1,10 @@
 """What the project's files say of its version and of what it needs agrees."""
 
+import fnmatch
 import tomllib
 from pathlib import Path
 
+from arm_blender import checkpoints
 from arm_blender.commands import doctor
 from arm_blender.version import VERSION
 
@@ -34,3 +36,20 @@ def test_the_doctor_asks_for_every_dependency():
     assert {entry.partition(">=")[0].lower() for entry in project["dependencies"]} == {
         package.lower() for package in doctor._REQUIRED
     }
+
+
+def test_weights_of_others_leave_in_no_package():
+    """Who imports them keeps them: git, the extension's zip and the wheel pass them over, and only them."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
+    wheel = project["tool"]["setuptools"]["exclude-package-data"]["arm_blender"]
+    passed_over = {
+        ".gitignore": (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines(),
+        "zip": manifest["build"]["paths_exclude_pattern"],
+        "wheel": [f"/arm_blender/{pattern}" for pattern in wheel],
+    }
+    for weights in checkpoints.REGISTRY:
+        path = f"/arm_blender/weights/{weights.name}.safetensors"
+        for place, patterns in passed_over.items():
+            ours = weights.licence in ("GPL-3.0-or-later", "your own")
+            assert any(fnmatch.fnmatch(path, pattern) for pattern in patterns) != ours, f"{place}: {weights.name}"

@@ -7,10 +7,15 @@ import pytest
 import torch
 import trimesh
 
-from arm_blender import pipeline
+from arm_blender import checkpoints, pipeline
 from arm_blender.config import Settings
 from arm_blender.errors import ArmError, Cancelled, CheckpointError, EmptyMeshError
 from arm_blender.graphics.cameras import project
+from arm_blender.models.georm import GeoRM
+from arm_blender.models.image_encoder import ImageEncoderConfig
+from arm_blender.models.reconstruction import ReconstructionConfig
+from arm_blender.models.transformer import TransformerConfig
+from arm_blender.models.triplane import DecoderConfig, UpsamplerConfig
 from arm_blender.report import Report
 from arm_blender.structures import RelightableAsset, ViewSet
 from arm_blender.views import load_views
@@ -166,3 +171,46 @@ def test_the_callers_threads_and_seed_come_back(views):
     with pytest.raises(ArmError):
         pipeline.generate(views, replace(QUICK, threads=threads + 1, preset="paper"))
     assert torch.get_num_threads() == threads and torch.equal(torch.get_rng_state(), random)
+
+
+def front_half() -> GeoRM:
+    """A network in InstantMesh's layout that finds all of the box with x > 0 in its own frame to be inside."""
+    config = ReconstructionConfig(
+        encoder=ImageEncoderConfig(image_size=16, patch_size=8, position_grid=2, width=8, depth=1, heads=1),
+        transformer=TransformerConfig(width=8, layers=1, heads=1, grid=8),
+        upsampler=UpsamplerConfig(filters=8, blocks=1, growth=4, doublings=2, channels=1, deconvolution=True),
+        decoder=DecoderConfig(hidden_layers=0),
+        front="+x",
+    )
+    network = GeoRM(config).requires_grad_(False)
+    block = network.model.transformer.layers[0]
+    for layer in (block.cross_attn.out, block.self_attn.out, block.mlp[2]):
+        layer.weight.zero_()  # Tokens stay what they are.
+    block.mlp[2].bias.zero_()
+    pattern = torch.tensor([1.0, -1.0]).repeat(4)
+    token = torch.where(torch.arange(8) < 4, -1.0, 1.0)[:, None] * pattern  # A row of the plane (x, y), along x.
+    network.model.transformer.position.copy_(token.repeat(24, 1))
+    network.model.upsampler.deconv.weight.copy_(pattern[:, None, None, None].expand(8, 1, 2, 2))
+    network.model.upsampler.deconv.bias.zero_()
+    last = network.model.decoder[-1]
+    last.weight.copy_(torch.tensor([[1.0, 0.0, 0.0]]))
+    last.bias.zero_()
+    return network
+
+
+def test_a_network_in_instantmeshs_frame_puts_its_front_where_blenders_is(views, tmp_path, monkeypatch):
+    network = front_half()
+    path = tmp_path / "georm.safetensors"
+    checkpoints.save(path, network.state_dict(), network.config, "georm")
+    monkeypatch.setattr(Settings, "weights", lambda _, name: path)
+    vertices = pipeline.shape(views, replace(QUICK, preset="instantmesh")).vertices
+    assert float(vertices[:, 1].max()) == pytest.approx(0.0, abs=0.02)
+    assert float(vertices[:, 1].min()) < -0.9
+    assert float(vertices[:, 0].min()) < -0.9 and float(vertices[:, 0].max()) > 0.9
+
+
+def test_instantmesh_takes_the_material_from_small():
+    settings = Settings(preset="instantmesh")
+    assert settings.weights("georm").name == "instantmesh.georm.safetensors"
+    for network in ("glossyrm", "instant_albedo"):
+        assert settings.weights(network) == Settings(preset="small").weights(network)

@@ -18,6 +18,7 @@ class ARM_PG_settings(bpy.types.PropertyGroup):
         items=(
             ("small", "Small", "Weights come with the extension; made for the processor"),
             ("paper", "Paper", "The networks of the paper; needs weights of your own and a graphics device"),
+            ("instantmesh", "InstantMesh", "Its shape network, whose weights you import; needs a graphics device"),
         ),
         default="small",
     )

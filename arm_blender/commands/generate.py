@@ -42,7 +42,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Everything but the views: what `generate` and `batch` share."""
     parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="the folder of the result")
     networks = parser.add_argument_group("quality and time")
-    networks.add_argument("--preset", default="small", help="networks: small or paper (default: small)")
+    networks.add_argument("--preset", default="small", help="networks: small, paper or instantmesh (default: small)")
     networks.add_argument("--quality", default="balanced", help="draft, balanced or final (default: balanced)")
     networks.add_argument("--texture-size", type=int, metavar="N", help="largest texels a side, a power of two")
     networks.add_argument("--faces", type=int, metavar="N", help="face budget")

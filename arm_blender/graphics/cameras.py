@@ -92,6 +92,16 @@ def orbit_camera(
     return Camera(look_at(eye), intrinsics_from_fovy(math.radians(fovy_deg), width, height), width, height)
 
 
+def front_on_x(coordinates: Tensor, dim: int) -> Tensor:
+    """World coordinates in a frame whose front is +X instead of -Y: a quarter turn about Z.
+
+    Args:
+        coordinates: x, y, z and whatever follows them along `dim`; of c2w the rows (-2), of points the last dimension.
+    """
+    x, y, *others = coordinates.unbind(dim)
+    return torch.stack([-y, x, *others], dim=dim)
+
+
 def project(points: Tensor, camera: Camera) -> tuple[Tensor, Tensor]:
     """Pixel coordinates and depth of world points.
 

@@ -10,7 +10,6 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from ..errors import CheckpointError
 from .vit import VisionTransformer, VitConfig
 
 _MEAN, _STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # ImageNet, as DINO was trained.
@@ -114,36 +113,6 @@ class MaterialEncoder(nn.Module):
         for k in (2, 1, 0):
             path = self.fusions[k](contexts[k], path)
         return path
-
-
-def state_from_materialistic(state: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Our keys from the public encoder's (its Lightning prefix `net.` taken off); the head stays to be learned.
-
-    Dropping the cross-attention drops its layer norms too, so the fusion meets shifted statistics: fine-tune.
-
-    Raises:
-        CheckpointError: a key is not in the map.
-    """
-    prefixes = {"dino_model.": "vit."}
-    unused = ["cross_attention_", "out_conv.", "dino_model.norm.", "fusion_4.resConfUnit1."]
-    for k in range(4):
-        theirs = f"fusion_{k + 1}"  # They count from one.
-        prefixes[f"spatial_transform_{k + 1}.0.project.0."] = f"contexts.{k}.readout."
-        prefixes[f"spatial_transform_{k + 1}.2."] = f"contexts.{k}.conv."
-        prefixes[f"{theirs}.resConfUnit1."] = f"fusions.{k}.join."
-        prefixes[f"{theirs}.resConfUnit2."] = f"fusions.{k}.refine."
-        prefixes[f"{theirs}.out_conv."] = f"fusions.{k}.out."
-        unused.append(f"{theirs}.layer_norm_1.")
-    ours = {}
-    for key, tensor in state.items():
-        name = key.removeprefix("net.")
-        if name.startswith(tuple(unused)):
-            continue
-        prefix = next((p for p in prefixes if name.startswith(p)), None)
-        if prefix is None:
-            raise CheckpointError(f"{key}: an unknown weight of the material encoder; use the published file")
-        ours[prefixes[prefix] + name.removeprefix(prefix)] = tensor
-    return ours
 
 
 def _enlarge(x: Tensor, factor: int) -> Tensor:

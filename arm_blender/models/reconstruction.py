@@ -4,11 +4,13 @@
 """
 
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+from ..graphics.cameras import front_on_x
 from ..graphics.color import composite, srgb_from_linear
 from ..structures import ViewSet, stack_cameras
 from .detail_volume import DetailVolume
@@ -33,10 +35,23 @@ class ReconstructionConfig:
     """Comes with `pixel_aligned`; None in the paper's configuration."""
     background: float = 1.0
     """Grey level (sRGB) behind the object in the network's input; InstantMesh's encoder knows white."""
+    front: Literal["-y", "+x"] = "-y"
+    """Where azimuth 0 stands in the network's own frame. With the wrong one it meets cameras that it has never seen;
+    InstantMesh's is +x."""
+
+    def __post_init__(self) -> None:
+        if self.pixel_aligned and self.front != "-y":
+            raise ValueError(f"front {self.front}: pixel-aligned features live in the world's frame, give -y")
 
 
 PAPER = ReconstructionConfig()
 """The paper's table 4, and reference facts where it is silent."""
+
+INSTANTMESH = ReconstructionConfig(
+    upsampler=UpsamplerConfig(deconvolution=True), decoder=DecoderConfig(hidden_layers=3, hidden=64), front="+x"
+)
+"""What InstantMesh's weights need: its decoder and frame, and its deconvolution beneath the paper's upsampler. The mean
+and deviation of its images are those that DINO was trained with; InstantMesh reads its own from a file not at hand."""
 
 SMALL = ReconstructionConfig(
     encoder=ImageEncoderConfig(
@@ -174,7 +189,8 @@ class ReconstructionModel(nn.Module):
     def look(self, views: NetworkViews) -> tuple[Tensor, ViewFeatures | None]:
         """What is found in each view by itself: (B * V, L, D) tokens, and the pixel-aligned features if there are."""
         images = views.images.flatten(0, 1)  # (B * V, 4, S, S)
-        cameras = camera_embedding(views.c2w, views.K, views.silhouette.shape[-1]).flatten(0, 1)
+        c2w = front_on_x(views.c2w, dim=-2) if self.config.front == "+x" else views.c2w
+        cameras = camera_embedding(c2w, views.K, views.silhouette.shape[-1]).flatten(0, 1)
         tokens = self.encoder(images[:, :3], cameras)
         return tokens, self.view_features(views, images, tokens) if self.config.pixel_aligned else None
 
@@ -221,7 +237,8 @@ class ReconstructionModel(nn.Module):
         Returns:
             (B, P, outputs), and the points' hull distance (B, P) where the configuration is pixel-aligned.
         """
-        features = sample_planes(encoded.planes, points)
+        own = front_on_x(points, dim=-1) if self.config.front == "+x" else points
+        features = sample_planes(encoded.planes, own)
         if encoded.views is None:
             return self.decoder(features), None
         read, hull = self.reader(encoded.views, points)

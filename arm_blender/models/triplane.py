@@ -26,6 +26,9 @@ class UpsamplerConfig:
     """Nearest-neighbour doublings, one convolution each (paper: three convolutions, 32 to 256)."""
     channels: int = 80
     """Of the fine planes; unstated in the paper, 80 is InstantMesh's."""
+    deconvolution: bool = False
+    """Add what InstantMesh's deconvolution makes, enlarged: with its weights, training starts where it ended. The last
+    convolution then begins at zero, and costs nothing at inference until it has learnt something."""
 
 
 @dataclass(frozen=True)
@@ -77,10 +80,29 @@ class Upsampler(nn.Module):
         )
         widths = [config.filters // 2**i for i in range(config.doublings)] + [config.channels]
         self.up = nn.ModuleList(nn.Conv2d(a, b, 3, padding=1) for a, b in zip(widths[:-1], widths[1:], strict=True))
+        self.deconv = None
+        if config.deconvolution:
+            self.deconv = nn.ConvTranspose2d(width, config.channels, 2, stride=2)
+            nn.init.zeros_(self.up[-1].weight)
+            nn.init.zeros_(self.up[-1].bias)
 
     def forward(self, x: Tensor) -> Tensor:
+        if self.deconv is None:
+            return self.detail(x)
+        planes = self.deconv(x)
+        if len(self.up) > 1:
+            planes = F.interpolate(planes, scale_factor=2 ** (len(self.up) - 1), mode="bilinear", align_corners=False)
+        learnt = torch.is_grad_enabled() or self.up[-1].weight.any() or self.up[-1].bias.any()
+        return planes + self.detail(x) if learnt else planes
+
+    def features(self, x: Tensor) -> Tensor:
+        """(B * 3, filters, R, R): the residual blocks' own."""
         x = self.head(x)
-        x = x + self.trunk(x)
+        return x + self.trunk(x)
+
+    def detail(self, x: Tensor) -> Tensor:
+        """The super-resolution: (B * 3, C, R * 2**doublings, ...)."""
+        x = self.features(x)
         for index, conv in enumerate(self.up):
             x = conv(F.interpolate(x, scale_factor=2, mode="nearest"))
             if index < len(self.up) - 1:

@@ -45,8 +45,9 @@ def test_the_zip_holds_the_package_and_nothing_else(package):
         "__init__.py",
     }
     assert not [n for n in names if "__pycache__" in n or n.endswith((".pyc", ".part"))]
-    shipped = {f"arm_blender/weights/{path.name}" for path in (ROOT / "arm_blender" / "weights").glob("*.safetensors")}
-    assert shipped <= set(names)
+    weights = (ROOT / "arm_blender" / "weights").glob("small.*.safetensors")
+    shipped = {f"arm_blender/weights/{path.name}" for path in weights}
+    assert shipped <= set(names) and not [n for n in names if "weights/instantmesh" in n]
 
 
 def test_the_zip_installs_and_every_module_finds_the_others(package, tmp_path):

@@ -5,7 +5,15 @@ import math
 import pytest
 import torch
 
-from arm_blender.graphics.cameras import Camera, look_at, orbit_camera, project, unproject, view_directions
+from arm_blender.graphics.cameras import (
+    Camera,
+    front_on_x,
+    look_at,
+    orbit_camera,
+    project,
+    unproject,
+    view_directions,
+)
 
 
 def test_azimuth_zero_stands_on_minus_y_and_grows_counter_clockwise_from_above():
@@ -57,6 +65,13 @@ def test_field_of_view_comes_back_from_the_intrinsics():
 def test_view_directions_are_unit_and_point_at_the_camera():
     camera = orbit_camera(0, 0, 4, 30, 64, 64)
     assert torch.allclose(view_directions(torch.zeros(3), camera), torch.tensor([0.0, -1.0, 0.0]), atol=1e-6)
+
+
+def test_points_turn_with_the_cameras():
+    camera = orbit_camera(40.0, 15.0, 3.0, 30.0, 8, 8)
+    torch.testing.assert_close(front_on_x(camera.center, dim=-1), front_on_x(camera.c2w, dim=-2)[:3, 3])
+    front = torch.tensor([0.0, -1.0, 0.5])
+    torch.testing.assert_close(front_on_x(front, dim=-1), torch.tensor([1.0, 0.0, 0.5]))
 
 
 def test_wrong_shapes_are_refused():

@@ -1,21 +1,14 @@
 """The cascade gives the reference's numbers; features cover the image and follow it."""
 
-from pathlib import Path
-
 import pytest
 import torch
-from safetensors.torch import load_file
 
 from arm_blender.errors import CheckpointError
-from arm_blender.models.material_encoder import MaterialEncoder, MaterialEncoderConfig, state_from_materialistic
+from arm_blender.models.key_maps import convert, materialistic_cascade
+from arm_blender.models.material_encoder import MaterialEncoder, MaterialEncoderConfig
 from arm_blender.models.vit import VitConfig
 
-FIXTURE = load_file(Path(__file__).parents[1] / "data/parity/materialistic_decoder_chain.safetensors")
 CONFIG = MaterialEncoderConfig(VitConfig(8, 16, 4, 2, 4, 4), (0, 1, 2, 3), image_size=32, channels=8, out_channels=4)
-
-
-def published() -> dict[str, torch.Tensor]:
-    return {k.removeprefix("weights/"): v for k, v in FIXTURE.items() if k.startswith("weights/")}
 
 
 @pytest.fixture
@@ -24,22 +17,26 @@ def encoder():
     return MaterialEncoder(CONFIG)
 
 
-def test_cascade_equals_the_published_one(encoder):
-    ours = state_from_materialistic({f"net.{key}": tensor for key, tensor in published().items()})
+def test_cascade_equals_the_published_one(encoder, parity):
+    fixture = parity("materialistic_decoder_chain")
+    ours = convert(fixture.weights, materialistic_cascade(), encoder.state_dict(), "fixture")
     missing, unexpected = encoder.load_state_dict(ours, strict=False)
     assert not unexpected
     assert all(key.startswith(("vit.", "head.")) for key in missing)
     with torch.no_grad():
-        path = encoder.fuse([FIXTURE[f"input/layer_{k}"] for k in (1, 2, 3, 4)], 4, 4)
-    expected = FIXTURE["output/path_1"]
-    assert (path - expected).abs().max() <= 1e-5 * expected.abs().max()
+        path = encoder.fuse([fixture.inputs[f"layer_{k}"] for k in (1, 2, 3, 4)], 4, 4)
+    fixture.check(path, "path_1")
 
 
-def test_published_cross_attention_is_dropped_and_an_unknown_key_refused():
-    extra = {"net.cross_attention_1.q.weight": torch.zeros(1), "net.dino_model.pos_embed": torch.zeros(1, 17, 16)}
-    assert set(state_from_materialistic(extra)) == {"vit.pos_embed"}
-    with pytest.raises(CheckpointError, match=r"net\.surprise"):
-        state_from_materialistic({"net.surprise": torch.zeros(1)})
+def test_published_cross_attention_is_dropped_and_an_unknown_key_refused(encoder, parity):
+    weights, own = parity("materialistic_decoder_chain").weights, encoder.state_dict()
+    extra = weights | {"cross_attention_1.q.weight": torch.zeros(1)}
+    assert (
+        convert(extra, materialistic_cascade(), own, "f").keys()
+        == convert(weights, materialistic_cascade(), own, "f").keys()
+    )
+    with pytest.raises(CheckpointError, match="fixture: surprise is unknown"):
+        convert(weights | {"surprise": torch.zeros(1)}, materialistic_cascade(), own, "fixture")
 
 
 def test_features_cover_images_of_any_size(encoder):

@@ -7,7 +7,7 @@ import pytest
 import torch
 from scipy.ndimage import distance_transform_edt
 
-from arm_blender.graphics.cameras import orbit_camera
+from arm_blender.graphics.cameras import front_on_x, orbit_camera
 from arm_blender.models.feature_volume import (
     COLORS,
     FeatureVolumeConfig,
@@ -179,6 +179,27 @@ def test_glossyrm_starts_from_georm_and_stays_in_range(georm):
     assert torch.equal(glossy.model.encoder.patch_embed.weight, georm.model.encoder.patch_embed.weight)
     values = glossy(glossy.encode(network_views(ball_views(0.7), TINY)), points(20))
     assert values.shape == (1, 20, 2) and bool(((values > 0) & (values < 1)).all())
+
+
+@torch.no_grad()
+def test_a_front_on_x_is_the_same_network_in_a_turned_world():
+    torch.manual_seed(0)
+    plain = dataclasses.replace(TINY, pixel_aligned=None, volume=None)
+    ahead, aside = GeoRM(plain).eval(), GeoRM(dataclasses.replace(plain, front="+x")).eval()
+    for name, parameter in ahead.named_parameters():
+        if "modulation" in name:
+            torch.nn.init.normal_(parameter)
+    aside.load_state_dict(ahead.state_dict())
+    views, p = network_views(ball_views(0.7), plain), points(50)
+    turned = dataclasses.replace(views, c2w=front_on_x(views.c2w, dim=-2))
+    expected = ahead.occupancy_logit(ahead.encode(turned), front_on_x(p, dim=-1))
+    assert torch.equal(aside.occupancy_logit(aside.encode(views), p), expected)
+    assert not torch.allclose(ahead.occupancy_logit(ahead.encode(views), p), expected)
+
+
+def test_pixel_aligned_features_and_a_front_on_x_are_refused():
+    with pytest.raises(ValueError, match="front"):
+        dataclasses.replace(TINY, front="+x")
 
 
 @torch.no_grad()
