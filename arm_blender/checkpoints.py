@@ -10,7 +10,7 @@ import json
 import types
 import typing
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -40,12 +40,15 @@ class Weights:
         enables: what a user gets from it.
         licence: SPDX identifier of the weights, not of the code.
         remedy: what to do when the file is not there.
+        download: size of what a user has to bring, and whether its publisher asks for an account first; empty where
+            there is nothing to bring.
     """
 
     name: str
     enables: str
     licence: str
     remedy: str
+    download: str = ""
 
 
 _SHIPPED = "install the project again, or train it: python -m training fit --help"
@@ -64,18 +67,21 @@ REGISTRY = (
         "geometry by InstantMesh's network",
         "CC-BY-NC-4.0",
         _BRING.format("InstantMesh's instant_nerf_large.ckpt", "georm") + ", or choose --preset small",
+        "1.5 GB, no account",
     ),
     Weights(
         "paper.image_encoder",
         "what training GeoRM at the paper's size begins with",
         "Apache-2.0",
         _BRING.format("DINO's ViT-B/16", "image-encoder"),
+        "343 MB, no account",
     ),
     Weights(
         "paper.material_encoder",
         "what training InstantAlbedo at the paper's size begins with",
         "Apache-2.0",
         _BRING.format("DINO's ViT-B/8", "material-encoder"),
+        "343 MB, no account",
     ),
 )
 
@@ -248,6 +254,17 @@ def verify(name: str, folder: Path = FOLDER) -> str:
         what = "differs from" if recorded else "is not in"
         raise CheckpointError(f"{path}: {what} {SUMS}; install the file again, or record it on purpose")
     return found
+
+
+def condition(name: str, folder: Path = FOLDER) -> Literal["whole", "damaged", "not installed"]:
+    """How registered weights lie in a folder; whole is what `verify` accepts."""
+    if not shipped(name, folder).is_file():
+        return "not installed"
+    try:
+        verify(name, folder)
+    except CheckpointError:
+        return "damaged"
+    return "whole"
 
 
 def record(folder: Path = FOLDER, only: Path | None = None) -> None:

@@ -4,6 +4,7 @@ import argparse
 import importlib
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -437,10 +438,28 @@ def test_relight_without_blender_says_so(tmp_path, capsys):
 def test_doctor_and_weights_speak(capsys):
     assert run("doctor") in (0, 1)
     assert "torch" in capsys.readouterr().out
-    assert run("weights", "list") == 0
-    assert "small.georm" in capsys.readouterr().out
     assert run("weights", "verify", "nonsense") == 1
     assert "nonsense" in only_line(capsys.readouterr().err)
+
+
+def test_the_list_of_weights_says_where_they_lie_and_whether_they_are_whole(tmp_path, capsys, monkeypatch):
+    from arm_blender import checkpoints
+
+    shutil.copytree(checkpoints.FOLDER, tmp_path, dirs_exist_ok=True)
+    with (tmp_path / "small.glossyrm.safetensors").open("ab") as file:
+        file.write(b"more")
+    for function in (checkpoints.shipped, checkpoints.verify, checkpoints.condition):
+        monkeypatch.setattr(function, "__defaults__", (tmp_path,))
+    assert run("weights", "list") == 0
+    lines = capsys.readouterr().out.splitlines()
+    said = dict(zip(lines[::2], lines[1::2], strict=True))
+    for weights, (line, where) in zip(checkpoints.REGISTRY, said.items(), strict=True):
+        assert weights.name in line and weights.licence in line and weights.enables in line
+        assert str(tmp_path / f"{weights.name}.safetensors") in where
+        whole = weights.name in ("small.georm", "small.instant_albedo")
+        assert ("whole" in line) == whole and (weights.remedy in where) != whole
+    assert "damaged" in lines[2] and "not installed" in lines[6]
+    assert "1.5 GB" in next(line for line in said if "instantmesh.georm" in line)
 
 
 def test_verifying_nothing_is_no_success(tmp_path, capsys, monkeypatch):

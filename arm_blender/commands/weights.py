@@ -9,7 +9,7 @@ from ..errors import CheckpointError
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="list|verify|import", required=True)
-    actions.add_parser("list", help="what there is, what it enables, under which licence")
+    actions.add_parser("list", help="what there is and where, whether it is whole, what it enables, its licence")
     verify = actions.add_parser("verify", help="compare with the recorded hashes")
     verify.add_argument("names", nargs="*", metavar="NAME", help="such as small.georm (default: all installed)")
     bring = actions.add_parser("import", help="convert a checkpoint of InstantMesh, DINO or Materialistic")
@@ -34,9 +34,10 @@ def _list(args: argparse.Namespace) -> int:
     from .. import checkpoints
 
     for weights in checkpoints.REGISTRY:
-        path = checkpoints.shipped(weights.name)
-        size = f"{path.stat().st_size / 2**20:.1f} MiB" if path.is_file() else "not installed"
-        print(f"{weights.name:<24} {size:>14}  {weights.licence:<18} {weights.enables}")
+        path, condition = checkpoints.shipped(weights.name), checkpoints.condition(weights.name)
+        size = f"{path.stat().st_size / 2**20:.1f} MiB" if path.is_file() else weights.download or "-"
+        print(f"{weights.name:<22} {condition:<13} {size:>18}  {weights.licence:<16} {weights.enables}")
+        print(f"    {path}" + ("" if condition == "whole" else f": {weights.remedy}"))
     return 0
 
 
