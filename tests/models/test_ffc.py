@@ -1,43 +1,27 @@
 """The generator gives LaMa's numbers; the Fourier unit sees everything and needs no half-precision transform."""
 
-from pathlib import Path
-
 import pytest
 import torch
-from safetensors.torch import load_file
 
 from arm_blender.models.ffc import FfcConfig, FfcGenerator, FourierUnit
 
-PARITY = Path(__file__).parents[1] / "data/parity"
 
-
-def parts(name: str) -> tuple[dict[str, torch.Tensor], ...]:
-    """weights, inputs, outputs of a fixture."""
-    tensors = load_file(PARITY / f"{name}.safetensors")
-    return tuple(
-        {key.removeprefix(prefix): t for key, t in tensors.items() if key.startswith(prefix)}
-        for prefix in ("weights/", "input/", "output/")
-    )
-
-
-def test_generator_equals_the_published_one():
-    size = "odd_h27_w21"  # Rounded up at every halving.
-    weights, inputs, outputs = parts("lama_ffc_generator_down2")
-    generator = FfcGenerator(5, 6, FfcConfig(width=8, downs=2, blocks=2, norm="batch")).eval()
-    generator.load_state_dict(weights)
-    with torch.no_grad():
-        image = torch.sigmoid(generator(inputs[size]))
-    expected = outputs[f"image/{size}"]
-    assert (image - expected).abs().max() <= 1e-5 * expected.abs().max()
+@pytest.mark.parametrize(("downs", "channels"), [(2, (5, 6)), (3, (4, 3))])
+def test_generator_equals_the_published_one(downs, channels, parity):
+    fixture = parity(f"lama_ffc_generator_down{downs}")
+    generator = FfcGenerator(*channels, FfcConfig(width=8, downs=downs, blocks=2, norm="batch")).eval()
+    generator.load_state_dict(fixture.weights)
+    assert any(name.startswith("odd") for name in fixture.inputs)  # Rounded up at every halving.
+    for size, image in fixture.inputs.items():
+        fixture.check(torch.sigmoid(generator(image)), f"image/{size}")
 
 
 @pytest.mark.parametrize("size", ["even_h8_w10", "odd_h7_w9"])
-def test_fourier_unit_equals_the_published_one(size):
-    weights, inputs, outputs = parts("lama_fourier_unit")
+def test_fourier_unit_equals_the_published_one(size, parity):
+    fixture = parity("lama_fourier_unit")
     unit = FourierUnit(6, "batch").eval()
-    unit.load_state_dict(weights)
-    with torch.no_grad():
-        assert (unit(inputs[size]) - outputs[size]).abs().max() <= 1e-5 * outputs[size].abs().max()
+    unit.load_state_dict(fixture.weights)
+    fixture.check(unit(fixture.inputs[size]), size)
 
 
 def test_one_texel_reaches_every_other():

@@ -9,7 +9,8 @@ from safetensors.torch import load_file, save_file
 from arm_blender.errors import CheckpointError
 from training.lpips import Lpips
 
-FIXTURE = load_file(Path(__file__).parents[1] / "data/parity/lpips_narrow_vgg.safetensors")
+FOLDER = Path(__file__).parents[1] / "data/parity"
+FIXTURE = load_file(FOLDER / "lpips_narrow_vgg.safetensors")
 WEIGHTS = {key.removeprefix("weights/"): t for key, t in FIXTURE.items() if key.startswith("weights/")}
 
 
@@ -19,8 +20,12 @@ def pair():
     return tuple((FIXTURE[f"input/image_{k}"] + 1.0) / 2.0 for k in (0, 1))
 
 
-def test_distance_equals_the_published_one(pair):
-    assert Lpips(WEIGHTS)(*pair).item() == pytest.approx(FIXTURE["output/distance"].item(), rel=1e-5)
+@pytest.mark.parametrize("network", ["vgg", "alex"])
+def test_distance_equals_the_published_one(network):
+    fixture = load_file(FOLDER / f"lpips_narrow_{network}.safetensors")
+    distance = Lpips({key.removeprefix("weights/"): t for key, t in fixture.items() if key.startswith("weights/")})
+    x, y = ((fixture[f"input/image_{k}"] + 1.0) / 2.0 for k in (0, 1))
+    assert distance(x, y).item() == pytest.approx(fixture["output/distance"].mean().item(), rel=1e-5)
 
 
 def test_equal_images_have_no_distance_and_order_does_not_matter(pair):
