@@ -56,6 +56,21 @@ def test_the_text_encoder_of_the_published_folder_has_a_prefix(own, networks):
     assert torch.equal(again, networks.text_encoder(networks.empty_prompt)[0])
 
 
+def test_the_attention_of_older_vaes_has_other_names(own, networks):
+    path = weights_file(own / "vae")
+    names = {"to_q": "query", "to_k": "key", "to_v": "value", "to_out.0": "proj_attn"}
+    keys = load_file(path)
+    for key in [key for key in keys if ".attentions." in key]:
+        old = key
+        for new_name, old_name in names.items():
+            old = old.replace(f".{new_name}.", f".{old_name}.")
+        keys[old] = keys.pop(key)
+    assert not any(".to_q." in key for key in keys)
+    save_file(keys, path, metadata={"format": "pt"})
+    again = load_networks(own, "cpu").vae.state_dict()
+    assert all(torch.equal(again[key], tensor) for key, tensor in networks.vae.state_dict().items())
+
+
 def test_a_folder_that_is_not_there_says_what_goes_where(tmp_path):
     with pytest.raises(CheckpointError) as error:
         check_model(tmp_path / "nothing")
