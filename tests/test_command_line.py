@@ -2,6 +2,7 @@
 
 import argparse
 import importlib
+import io
 import json
 import os
 import signal
@@ -20,6 +21,7 @@ import trimesh
 
 from arm_blender.__main__ import INTERRUPTED, main
 from arm_blender.commands import batch, interrupts
+from arm_blender.commands.progress_line import ProgressLine
 from arm_blender.export import is_whole
 from arm_blender.structures import MaterialMaps, RelightableAsset, UvMesh
 from arm_blender.views.image_io import write_png
@@ -192,6 +194,19 @@ def test_progress_is_shown_on_demand(pipeline, picture, tmp_path, capsys):
     messages = [line.partition("% ")[2] for line in capsys.readouterr().err.splitlines()]
     wanted = ["starting", "reading cup.png", "shaping", "writing textures", "writing cup.glb", "writing report.json"]
     assert [message for message in messages if message in wanted] == wanted
+
+
+def test_a_terminal_is_written_to_only_for_what_is_new():
+    """Before each block of a network the same report comes again."""
+    stream = io.StringIO()
+    stream.isatty = lambda: True
+    line = ProgressLine(stream)
+    for fraction, message in [(0.0, "a"), (0.0, "a"), (0.5, "a"), (0.5, "a"), (0.5, "b")]:
+        line(fraction, message)
+    assert stream.getvalue().split("\r\x1b[K") == ["", "  0% a", " 50% a", " 50% b"]
+    line.clear()
+    line(0.5, "b")
+    assert stream.getvalue().endswith(" 50% b")
 
 
 def broken_inputs(folder: Path) -> dict[str, tuple[Path, str]]:

@@ -58,9 +58,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     views.add_argument("--elevation", type=float, metavar="DEG", help="of a single image's camera (default: 10)")
     views.add_argument("--fovy", type=float, metavar="DEG", help="of a single image or the rig (default: 30)")
     views.add_argument("--view-weights", type=view_weights, metavar="W,W,...", help="how much each view counts")
-    views.add_argument(
-        "--multiview", default="none", help="of a single image: none, zero123plus (default: none)"
-    )
+    views.add_argument("--multiview", default="none", help="of a single image: none, zero123plus (default: none)")
     views.add_argument("--multiview-model", type=Path, metavar="DIR", help="its weights, as diffusers saves a pipeline")
     views.add_argument("--multiview-steps", type=int, default=28, metavar="N", help="75 for fine detail (default: 28)")
     views.add_argument("--multiview-guidance", type=float, default=4.0, metavar="G", help="by the image (default: 4)")
@@ -130,12 +128,13 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
         from ..views import load_views
     settings, options = settings_of(args), view_options_of(args)
     with report.stage("views"):
-        views = load_views(args.views, options, part(progress, 0.0, 0.05), report.leave_out)
+        loaded = 0.05 if args.multiview == "none" else 0.5
+        views = load_views(args.views, options, part(progress, 0.0, loaded), report.leave_out)
     if name is not None:
         views = replace(views, name=name)
     if len(os.fsencode(views.name)) > LONGEST_NAME:
         raise InputImageError(f"{args.views}: the name is too long for the files made of it; rename it")
-    asset, report = pipeline.generate(views, settings, part(progress, 0.05, 0.85), report)
+    asset, report = pipeline.generate(views, settings, part(progress, loaded, 0.85), report)
     if args.place == "ground":
         asset = on_the_ground(asset)
 
