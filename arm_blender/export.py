@@ -1,10 +1,7 @@
 """An asset on disk: GLB, the four texture maps, report.json. No bpy in this module."""
 
 import os
-import shutil
-import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +12,7 @@ from PIL import Image
 from torch import Tensor
 
 from .errors import OutputError
-from .files import check_output
+from .files import check_output, staging
 from .graphics.color import bytes_from_unit, srgb_from_linear
 from .graphics.meshes import vertex_normals
 from .progress import Progress, silent
@@ -64,7 +61,7 @@ def write_asset(
         Cancelled: by `progress`; nothing was changed.
     """
     check_output(directory)
-    with _staging(directory) as stage:
+    with staging(directory) as stage:
         with report.stage("files"):
             progress(0.0, "writing textures")
             _write_textures(asset.maps, stage / "textures")
@@ -159,28 +156,6 @@ def _write_textures(maps: MaterialMaps, folder: Path) -> None:
         if all(constant_value(channel[None], None, ONE_STEP) is not None for channel in image):
             image = image[:, :CONSTANT_SIDE, :CONSTANT_SIDE]
         write_png(folder / f"{name}.png", image, srgb)
-
-
-@contextmanager
-def _staging(directory: Path) -> Iterator[Path]:
-    """A temporary folder inside `directory`, gone at the end; and so is `directory`, if it was made for nothing.
-
-    Inside, because only there a rename never crosses file systems: `directory` may be a mount point.
-    """
-    existed = directory.exists()
-    stage = None
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        stage = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=directory))
-        yield stage
-    except OSError as error:
-        reason = error.strerror or error
-        raise OutputError(f"{directory}: cannot be written ({reason}); free space or change --output") from error
-    finally:
-        if stage is not None:
-            shutil.rmtree(stage, ignore_errors=True)
-        if not existed and directory.is_dir() and not any(directory.iterdir()):
-            directory.rmdir()
 
 
 def _move_into(directory: Path, stage: Path) -> list[Path]:

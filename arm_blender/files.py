@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -39,6 +40,28 @@ def write_json(path: Path, data: Any) -> None:
     """
     with whole_file(path) as temporary:
         temporary.write_text(json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+
+
+@contextmanager
+def staging(directory: Path) -> Iterator[Path]:
+    """A temporary folder inside `directory`, gone at the end; and so is `directory`, if it was made for nothing.
+
+    Inside, because only there a rename never crosses file systems: `directory` may be a mount point.
+    """
+    existed = directory.exists()
+    stage = None
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        stage = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=directory))
+        yield stage
+    except OSError as error:
+        reason = error.strerror or error
+        raise OutputError(f"{directory}: cannot be written ({reason}); free space or change --output") from error
+    finally:
+        if stage is not None:
+            shutil.rmtree(stage, ignore_errors=True)
+        if not existed and directory.is_dir() and not any(directory.iterdir()):
+            directory.rmdir()
 
 
 def check_output(directory: Path) -> None:

@@ -20,6 +20,7 @@ from .models.reconstruction import ReconstructionConfig, network_views
 from .progress import Progress, part, silent
 from .report import Report
 from .structures import MaterialMaps, RelightableAsset, TexelMap, TriangleMesh, UvMesh, ViewSet
+from .threads import cpu_threads
 from .uv import maps
 from .uv.backproject import BLENDS, backproject, blend, texture_size_for
 from .uv.decimate import clean, decimate
@@ -184,12 +185,10 @@ def _network(name: str, settings: Settings) -> nn.Module:
 @contextmanager
 def _running(settings: Settings) -> Iterator[None]:
     """The run's number of threads and its seed; the caller's own come back afterwards."""
-    threads, random = torch.get_num_threads(), torch.get_rng_state()
-    if settings.threads:
-        torch.set_num_threads(settings.threads)
-    torch.manual_seed(settings.seed)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
-        torch.set_rng_state(random)
+    random = torch.get_rng_state()
+    with cpu_threads(settings.threads):
+        torch.manual_seed(settings.seed)
+        try:
+            yield
+        finally:
+            torch.set_rng_state(random)

@@ -2,6 +2,7 @@
 
 import argparse
 import importlib
+import io
 import json
 import os
 import shutil
@@ -21,11 +22,13 @@ import trimesh
 
 from arm_blender.__main__ import INTERRUPTED, main
 from arm_blender.commands import batch, interrupts
+from arm_blender.commands.progress_line import ProgressLine
 from arm_blender.export import is_whole
 from arm_blender.structures import MaterialMaps, RelightableAsset, UvMesh
 from arm_blender.views.image_io import write_png
 
 ROOT = Path(__file__).parents[1]
+MULTIVIEW = ["--multiview", "zero123plus", "--multiview-model", "weights"]
 
 
 @pytest.fixture
@@ -116,6 +119,71 @@ def test_the_words_reach_the_settings(pipeline, picture, tmp_path):
     assert (settings.seed, settings.threads, settings.time_limit) == (3, 2, 9.0)
 
 
+@pytest.fixture
+def drawn(monkeypatch) -> list:
+    """Stands in for Zero123++: six views of a block on grey; keeps how it was asked."""
+    from arm_blender.views.zero123plus import provider
+
+    calls = []
+
+    def six_views(networks, picture, config, noise, progress):
+        calls.append((config, noise.seeds))
+        progress(0.5, "drawing")
+        views = torch.full((6, 3, config.side, config.side), 0.5)
+        views[:, 0, 80:240, 80:240] = 0.9
+        return views
+
+    for name in ("check_model", "load_networks"):
+        monkeypatch.setattr(provider, name, lambda *_: None)
+    monkeypatch.setattr(provider, "six_views", six_views)
+    return calls
+
+
+def test_the_six_views_of_a_picture_are_written_and_taken(pipeline, drawn, picture, tmp_path):
+    words = "--multiview-steps 75 --multiview-guidance 3 --multiview-background white --seed 5 --threads 2"
+    out = tmp_path / "out"
+    assert run("generate", picture, "--output", out, *MULTIVIEW, *words.split()) == 0
+    (config, seeds), (views, _) = drawn[0], pipeline[0]
+    assert (config.model, config.steps, config.guidance, config.background) == (Path("weights"), 75, 3.0, "white")
+    assert (config.device, config.threads, seeds) == ("cpu", 2, (5,) * 6)
+    assert views.name == "cup" and views.images.shape == (6, 4, 320, 320)
+    assert is_whole(out) and len(list((out / "views").glob("*.png"))) == 6
+    assert run("generate", out / "views", "--output", tmp_path / "again") == 0
+    assert torch.equal(pipeline[1][0].images, views.images)
+
+
+def test_views_that_are_given_are_not_drawn_and_the_report_says_so(pipeline, drawn, picture, tmp_path):
+    out = tmp_path / "out"
+    assert run("generate", picture, "--output", out, *MULTIVIEW) == 0
+    for views in (out / "views", out / "views" / "transforms.json"):
+        assert run("generate", views, "--output", tmp_path / "again", *MULTIVIEW, "--reseed", "2") == 0
+        notes = json.loads((tmp_path / "again" / "report.json").read_text())["left_out"]
+        assert "--multiview zero123plus" in [note["what"] for note in notes]
+    assert len(drawn) == 1
+
+
+def test_one_view_is_drawn_anew_by_its_number(pipeline, drawn, picture, tmp_path):
+    out = tmp_path / "out"
+    assert run("generate", picture, "--output", out, *MULTIVIEW) == 0
+    assert run("generate", picture, "--output", out, *MULTIVIEW, "--reseed", "1,4", "--seed", "9") == 0
+    assert [seeds for _, seeds in drawn] == [(0,) * 6, (0, 9, 0, 0, 9, 0)]
+
+
+def test_missing_multiview_weights_are_one_line(pipeline, picture, tmp_path, capsys):
+    words = ["--multiview", "zero123plus", "--multiview-model", tmp_path / "gone"]
+    assert run("generate", picture, "--output", tmp_path / "out", *words) == 1
+    assert "gone: no such folder" in only_line(capsys.readouterr().err)
+    assert not (tmp_path / "out").exists() and pipeline == []
+
+
+def test_each_item_of_a_batch_has_its_own_six_views(pipeline, drawn, tmp_path, capsys):
+    a_picture(tmp_path / "a.png")
+    a_picture(tmp_path / "b.png")
+    (tmp_path / "list.csv").write_text("views,seed\na.png,1\nb.png,2\n")
+    assert run("batch", tmp_path / "list.csv", "--output", tmp_path / "out", *MULTIVIEW) == 0
+    assert [(config.folder.parent.name, seeds[0]) for config, seeds in drawn] == [("a", 1), ("b", 2)]
+
+
 def test_the_ground_is_under_the_object(pipeline, picture, tmp_path):
     assert run("generate", picture, "--output", tmp_path / "out", "--place", "ground") == 0
     found = trimesh.load(tmp_path / "out" / "cup.glb").geometry["cup"]
@@ -127,6 +195,19 @@ def test_progress_is_shown_on_demand(pipeline, picture, tmp_path, capsys):
     messages = [line.partition("% ")[2] for line in capsys.readouterr().err.splitlines()]
     wanted = ["starting", "reading cup.png", "shaping", "writing textures", "writing cup.glb", "writing report.json"]
     assert [message for message in messages if message in wanted] == wanted
+
+
+def test_a_terminal_is_written_to_only_for_what_is_new():
+    """Before each block of a network the same report comes again."""
+    stream = io.StringIO()
+    stream.isatty = lambda: True
+    line = ProgressLine(stream)
+    for fraction, message in [(0.0, "a"), (0.0, "a"), (0.5, "a"), (0.5, "a"), (0.5, "b")]:
+        line(fraction, message)
+    assert stream.getvalue().split("\r\x1b[K") == ["", "  0% a", " 50% a", " 50% b"]
+    line.clear()
+    line(0.5, "b")
+    assert stream.getvalue().endswith(" 50% b")
 
 
 def broken_inputs(folder: Path) -> dict[str, tuple[Path, str]]:
@@ -214,6 +295,14 @@ def test_missing_weights_are_one_line(picture, tmp_path, capsys, monkeypatch):
         ["generate", "VIEWS", "--output", "OUT", "--device", "cuda:0"],
         ["generate", "VIEWS", "--output", "OUT", "--view-weights", "1,-1"],
         ["generate", "VIEWS", "--output", "OUT", "--fovy", "190"],
+        ["generate", "VIEWS", "--output", "OUT", "--multiview", "magic"],
+        ["generate", "VIEWS", "--output", "OUT", "--multiview", "zero123plus"],
+        ["generate", "VIEWS", "--output", "OUT", *MULTIVIEW, "--multiview-steps", "0"],
+        ["generate", "VIEWS", "--output", "OUT", *MULTIVIEW, "--multiview-background", "red"],
+        ["generate", "VIEWS", "--output", "OUT", *MULTIVIEW, "--reseed", "6"],
+        ["generate", "VIEWS", "--output", "OUT", *MULTIVIEW, "--reseed", "one"],
+        ["generate", "VIEWS", "--output", "OUT", "--reseed", "1"],
+        ["generate", "VIEWS", "--output", "OUT", "--multiview-model", "DIR"],
         ["batch", "VIEWS", "--output", "OUT", "--jobs", "0"],
         ["relight", "VIEWS", "--output", "OUT", "--hdri", "city", "--turntable", "0"],
         ["relight", "VIEWS", "--output", "OUT", "--hdri", "city", "--resolution", "100000"],

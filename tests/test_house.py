@@ -18,6 +18,7 @@ LAYERS = [  # A module imports from its own layer and from earlier ones.
         "version",
         "files",
         "progress",
+        "threads",
         "structures",
         "graphics",
     },  # structures holds cameras, and graphics fills structures.

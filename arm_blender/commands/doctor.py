@@ -18,8 +18,12 @@ _REQUIRED = {
     "safetensors": "safetensors",
     "pillow": "PIL",
 }
-_OPTIONAL = {"bpy": "bpy"}
-"""Without it there is no .blend and no relighting outside Blender."""
+_OPTIONAL = {
+    "bpy": ("bpy", "only for .blend files and relighting"),
+    "diffusers": ("diffusers", "only for --multiview zero123plus"),
+    "transformers": ("transformers", "only for --multiview zero123plus"),
+}
+"""What a run does without, and what it then cannot do."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,12 +34,13 @@ def run(args: argparse.Namespace) -> int:
     print(f"{'arm_blender':<20} {VERSION}")
     print(f"{'python':<20} {platform.python_version()} on {platform.platform()}, {os.cpu_count()} CPU cores")
     missing = 0
-    for package, module in (_REQUIRED | _OPTIONAL).items():
-        needed = package in _REQUIRED
+    for package, module in _REQUIRED.items():
         starts, state = _state(package, module)
-        missing += needed and not starts
-        remark = "" if needed or starts else "  (only for .blend files and relighting)"
-        print(f"{package:<20} {state}{remark}")
+        missing += not starts
+        print(f"{package:<20} {state}")
+    for package, (module, use) in _OPTIONAL.items():
+        starts, state = _state(package, module)
+        print(f"{package:<20} {state}{'' if starts else f'  ({use})'}")
     if not missing:
         missing += _print_torch_and_weights()
     return 1 if missing else 0

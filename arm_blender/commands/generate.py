@@ -58,7 +58,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     views.add_argument("--elevation", type=float, metavar="DEG", help="of a single image's camera (default: 10)")
     views.add_argument("--fovy", type=float, metavar="DEG", help="of a single image or the rig (default: 30)")
     views.add_argument("--view-weights", type=view_weights, metavar="W,W,...", help="how much each view counts")
-    views.add_argument("--multiview", default="none", help="what makes further views of a single image (default: none)")
+    views.add_argument("--multiview", default="none", help="of a single image: none, zero123plus (default: none)")
+    views.add_argument("--multiview-model", type=Path, metavar="DIR", help="its weights, as diffusers saves a pipeline")
+    views.add_argument("--multiview-steps", type=int, default=28, metavar="N", help="75 for fine detail (default: 28)")
+    views.add_argument("--multiview-guidance", type=float, default=4.0, metavar="G", help="by the image (default: 4)")
+    views.add_argument("--multiview-background", default="grey", help="of its training: grey or white (default: grey)")
+    views.add_argument("--reseed", type=view_indices, default=(), metavar="I,I", help="draw only these of DIR/views")
     views.add_argument("--blend", default="robust", help="of views on a texel: robust, weighted or sharpest")
     result = parser.add_argument_group("result")
     result.add_argument("--mesh", type=Path, metavar="FILE", help="your mesh: only its texture is made")
@@ -76,6 +81,14 @@ def view_weights(text: str) -> tuple[float, ...]:
     if not weights or not all(math.isfinite(weight) and weight >= 0.0 for weight in weights):
         raise argparse.ArgumentTypeError(f"{text!r}: give numbers of 0 or more, separated by commas")
     return weights
+
+
+def view_indices(text: str) -> tuple[int, ...]:
+    """The value of --reseed."""
+    try:
+        return tuple(int(word) for word in text.split(","))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r}: give numbers of views, separated by commas") from error
 
 
 def run(args: argparse.Namespace) -> int:
@@ -115,12 +128,13 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
         from ..views import load_views
     settings, options = settings_of(args), view_options_of(args)
     with report.stage("views"):
-        views = load_views(args.views, options, part(progress, 0.0, 0.05), report.leave_out)
+        loaded = 0.05 if args.multiview == "none" else 0.5
+        views = load_views(args.views, options, part(progress, 0.0, loaded), report.leave_out)
     if name is not None:
         views = replace(views, name=name)
     if len(os.fsencode(views.name)) > LONGEST_NAME:
         raise InputImageError(f"{args.views}: the name is too long for the files made of it; rename it")
-    asset, report = pipeline.generate(views, settings, part(progress, 0.05, 0.85), report)
+    asset, report = pipeline.generate(views, settings, part(progress, loaded, 0.85), report)
     if args.place == "ground":
         asset = on_the_ground(asset)
 
@@ -156,9 +170,27 @@ def view_options_of(args: argparse.Namespace) -> ViewOptions:
         UsageError: a value is out of range.
     """
     from ..views import ViewOptions
+    from ..views.zero123plus.sampling import Zero123PlusConfig
 
+    diffusion = None
+    if args.multiview == "none" and (args.reseed or args.multiview_model is not None):
+        raise UsageError("--multiview-model, --reseed: are of --multiview zero123plus; add it")
     try:
-        return ViewOptions(args.rig, args.rig_distance, args.elevation, args.fovy, args.view_weights, args.multiview)
+        if args.multiview_model is not None:
+            diffusion = Zero123PlusConfig(
+                model=args.multiview_model,
+                folder=args.output / "views",
+                steps=args.multiview_steps,
+                guidance=args.multiview_guidance,
+                background=args.multiview_background,
+                seed=args.seed,
+                reseed=args.reseed,
+                device=args.device,
+                threads=args.threads,
+            )
+        return ViewOptions(
+            args.rig, args.rig_distance, args.elevation, args.fovy, args.view_weights, args.multiview, diffusion
+        )
     except ArmError as error:
         raise UsageError(str(error)) from error
 

@@ -17,13 +17,16 @@ class ProgressLine:
         self.stream = stream
         self.rewrites = stream.isatty()
         self.message = ""
+        self.fraction = 0.0
 
     def __call__(self, fraction: float, message: str) -> None:
+        if (fraction, message) == (self.fraction, self.message):
+            return  # A network asks before each of its blocks whether to stop, and has nothing new to say.
         if self.rewrites:
             self.stream.write(f"\r\x1b[K{fraction:4.0%} {message}")
         elif message != self.message:
             self.stream.write(f"{fraction:4.0%} {message}\n")
-        self.message = message
+        self.fraction, self.message = fraction, message
         self.stream.flush()
 
     def clear(self) -> None:

@@ -10,12 +10,12 @@ from ..errors import ArmError, InputImageError
 from ..progress import Progress, silent
 from ..structures import ViewSet
 from . import preprocess
-from .image_io import pictures_in, read_image
-from .multiview import Folder, View, provider
+from .image_io import pictures_in
+from .multiview import PROVIDERS, Folder, PictureAlone, View, posed_views
 from .rigs import ZERO123PLUS
-from .transforms_json import read_transforms
-
-TRANSFORMS = "transforms.json"
+from .transforms_json import TRANSFORMS
+from .zero123plus.provider import Zero123Plus
+from .zero123plus.sampling import Zero123PlusConfig
 
 WEIGHTS = 1e-6, 1e6
 """A view's weight is 0 or lies between these: what is blended by it stays far from the ends of float32."""
@@ -40,10 +40,18 @@ class ViewOptions:
     """One per view, before views that see nothing are skipped; None takes transforms.json's, or 1."""
     multiview: str = "none"
     """What makes further views of a single picture; "none" reconstructs from it alone."""
+    zero123plus: Zero123PlusConfig | None = None
+    """Of that provider, which does not work without."""
 
     def __post_init__(self) -> None:
         if self.rig != ZERO123PLUS:
             raise ArmError(f"--rig {self.rig}: unknown; the rig is {ZERO123PLUS}")
+        if self.multiview not in PROVIDERS:
+            raise ArmError(f"--multiview {self.multiview}: unknown; choose one of {', '.join(PROVIDERS)}")
+        if self.multiview == "zero123plus" and self.zero123plus is None:
+            raise ArmError(
+                "--multiview zero123plus: no weights; give their folder by --multiview-model, or --multiview none"
+            )
         if not 0.0 < self.rig_distance <= 1e6:
             raise ArmError(f"--rig-distance {self.rig_distance:g}: give a positive distance, at most 1e6")
         if self.fovy_deg is not None and not 0.0 < self.fovy_deg < 180.0:
@@ -73,7 +81,7 @@ def load_views(
     """
     options = options or ViewOptions()
     try:
-        views = _read(path, options, progress)
+        views = _read(path, options, progress, left_out or _unheard)
     except OSError as error:
         raise InputImageError(f"{path}: cannot be read ({error.strerror}); check the path and its rights") from error
     preprocess.same_size([view.image for view in views], [view.path for view in views])
@@ -100,33 +108,28 @@ def load_views(
     )
 
 
-def _read(path: Path, options: ViewOptions, progress: Progress) -> list[View]:
+def _unheard(what: str, why: str) -> None:
+    """The `LeaveOut` that tells nobody."""
+
+
+def _read(path: Path, options: ViewOptions, progress: Progress, left_out: LeaveOut) -> list[View]:
     """The views at `path`, by what is there."""
+    if path.is_dir() and (path / TRANSFORMS).is_file():
+        return _read(path / TRANSFORMS, options, progress, left_out)
+    pictures = pictures_in(path) if path.is_dir() else []
+    if len(pictures) == 1:
+        return _read(pictures[0], options, progress, left_out)
+    if options.multiview != "none" and (path.is_dir() or path.suffix.lower() == ".json"):
+        left_out(f"--multiview {options.multiview}", "it makes views of a single picture; here they are given")
     if path.is_dir():
-        if (path / TRANSFORMS).is_file():
-            return _posed_views(path / TRANSFORMS, progress)
-        pictures = pictures_in(path)
-        if len(pictures) == 1:
-            return _read(pictures[0], options, progress)
         return Folder(options.rig_distance, options.fovy_deg).views(path, progress)
     if not path.exists():
         raise InputImageError(f"{path}: no such file or folder; give an image, or a folder of views")
     if path.suffix.lower() == ".json":
-        return _posed_views(path, progress)
-    return provider(options.multiview, options.elevation_deg, options.fovy_deg).views(path, progress)
-
-
-def _posed_views(transforms: Path, progress: Progress) -> list[View]:
-    """The views of a transforms.json."""
-    views = []
-    frames = read_transforms(transforms)
-    for index, frame in enumerate(frames):
-        progress(index / len(frames), f"reading {frame.image.name}")
-        image = preprocess.foreground(read_image(frame.image), frame.image)
-        camera = frame.camera(image.shape[2], image.shape[1])
-        image = preprocess.limit_size(image, frame.image)
-        views.append(View(frame.image, image, camera.resized(image.shape[2], image.shape[1]), frame.weight))
-    return views
+        return posed_views(path, progress)
+    if options.multiview == "zero123plus":
+        return Zero123Plus(options.zero123plus, options.rig_distance, options.fovy_deg).views(path, progress)
+    return PictureAlone(options.elevation_deg, options.fovy_deg).views(path, progress)
 
 
 def _weighted(views: list[View], weights: tuple[float, ...], path: Path) -> list[View]:

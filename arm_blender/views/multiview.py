@@ -6,12 +6,16 @@ from typing import Protocol
 
 from torch import Tensor
 
-from ..errors import ArmError, InputImageError
+from ..errors import InputImageError
 from ..graphics.cameras import Camera
 from ..progress import Progress
 from . import preprocess
 from .image_io import pictures_in, read_image
 from .rigs import AZIMUTHS_DEG, front_camera, zero123plus_rig
+from .transforms_json import read_transforms
+
+PROVIDERS = ("none", "zero123plus")
+"""What makes the views of a single picture."""
 
 
 @dataclass(frozen=True)
@@ -80,12 +84,18 @@ class Folder:
         return [View(*view) for view in zip(pictures, images, cameras, strict=True)]
 
 
-def provider(name: str, elevation_deg: float | None, fovy_deg: float | None) -> MultiviewProvider:
-    """The provider of the views of a single picture, by its name.
+def posed_views(transforms: Path, progress: Progress) -> list[View]:
+    """The views of a transforms.json.
 
     Raises:
-        ArmError: there is none of that name here.
+        InputImageError, CameraError: the files do not do; the line names the file and the remedy.
     """
-    if name == "none":
-        return PictureAlone(elevation_deg, fovy_deg)
-    raise ArmError(f"--multiview {name}: not available; give --multiview none, or a folder of the six views it made")
+    views = []
+    frames = read_transforms(transforms)
+    for index, frame in enumerate(frames):
+        progress(index / len(frames), f"reading {frame.image.name}")
+        image = preprocess.foreground(read_image(frame.image), frame.image)
+        camera = frame.camera(image.shape[2], image.shape[1])
+        image = preprocess.limit_size(image, frame.image)
+        views.append(View(frame.image, image, camera.resized(image.shape[2], image.shape[1]), frame.weight))
+    return views

@@ -19,6 +19,9 @@ from ..files import write_json
 from ..graphics.cameras import Camera
 from .image_io import SUFFIXES
 
+TRANSFORMS = "transforms.json"
+"""The file's name in a folder of views."""
+
 MAXIMUM_VIEWS = 16
 
 _DISTORTION = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")

@@ -1,0 +1,60 @@
+"""`zero123plus`: six views of one picture, written into a folder and read from there like a user's own."""
+
+from pathlib import Path
+
+from ...progress import Progress, part
+from ...threads import cpu_threads
+from .. import preprocess
+from ..image_io import read_image
+from ..multiview import View, posed_views
+from ..rigs import AZIMUTHS_DEG, zero123plus_rig
+from ..transforms_json import TRANSFORMS
+from .networks import check_model, load_networks
+from .sampling import Zero123PlusConfig, six_views
+from .view_folder import check_folder, read_seeds, write_views
+from .view_noise import ViewNoise
+
+
+class Zero123Plus:
+    """Views by the diffusion model Zero123++. Its networks are in memory while it draws, and no longer."""
+
+    def __init__(self, config: Zero123PlusConfig, distance: float, fovy_deg: float | None) -> None:
+        self.config = config
+        self.distance = distance
+        self.fovy_deg = 30.0 if fovy_deg is None else fovy_deg
+
+    def views(self, path: Path, progress: Progress) -> list[View]:
+        """The six views of the picture at `path`, as `config.folder` holds them afterwards.
+
+        Raises:
+            ArmError: the optional extra is not installed.
+            CheckpointError: weights are missing, damaged, or of another model.
+            InputImageError: the picture does not do, or a view's background is not plain: it is in the folder.
+            OutputError: the folder cannot be written.
+            Cancelled: by `progress`; the folder is as it was.
+        """
+        config = self.config
+        check_folder(config.folder)
+        check_model(config.model)
+        seeds = self._seeds()
+        progress(0.0, f"reading {path.name}")
+        picture, _ = preprocess.crop_single(preprocess.foreground(read_image(path), path), path)
+        progress(0.0, "Zero123++: reading the weights")
+        networks = load_networks(config.model, config.device)
+        with cpu_threads(config.threads):
+            images = six_views(networks, picture, config, ViewNoise(seeds), part(progress, 0.0, 0.95))
+        del networks  # Gigabytes, which the reconstruction has better use for.
+        wanted = config.reseed or range(len(seeds))
+        cameras = zero123plus_rig(self.distance, self.fovy_deg, config.side)
+        origin = {"steps": config.steps, "guidance": config.guidance, "background": config.background}
+        progress(0.95, f"writing {config.folder.name}")
+        write_views(config.folder, {index: images[index] for index in wanted}, cameras, seeds, **origin)
+        return posed_views(config.folder / TRANSFORMS, part(progress, 0.95, 1.0))
+
+    def _seeds(self) -> tuple[int, ...]:
+        """The seed of each view: the run's own, or for those that are kept the one that they were drawn with."""
+        config = self.config
+        if not config.reseed:
+            return (config.seed,) * len(AZIMUTHS_DEG)
+        kept = read_seeds(config.folder)
+        return tuple(config.seed if index in config.reseed else seed for index, seed in enumerate(kept))
