@@ -7,8 +7,6 @@ wrongly shaped tensor each end in a `CheckpointError` that names the file and th
 import dataclasses
 import hashlib
 import json
-import types
-import typing
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -17,6 +15,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save as to_bytes
 from torch import Tensor, nn
 
+from .config_json import config_from_dict
 from .errors import CheckpointError
 from .files import whole_file
 
@@ -191,43 +190,6 @@ def restore(module: nn.Module, state: dict[str, Tensor], path: Path) -> None:
         more = f" and {len(problems) - 3} more" if len(problems) > 3 else ""
         raise CheckpointError(f"{path}: {'; '.join(problems[:3])}{more}: made for another model; use its own weights")
     module.load_state_dict(state)
-
-
-def config_from_dict(expected: type[Config], values: dict[str, Any]) -> Config:
-    """A (nested) dataclass from what JSON kept of it. A field that is absent takes its default.
-
-    Raises:
-        ValueError: a key is unknown, or a value does not fit its field.
-        TypeError: a field without a default is absent.
-    """
-    hints = typing.get_type_hints(expected)
-    known = {field.name for field in dataclasses.fields(expected) if field.init}
-    if not isinstance(values, dict) or values.keys() - known:
-        unknown = sorted(values.keys() - known) if isinstance(values, dict) else values
-        raise ValueError(f"unknown config key {unknown} for {expected.__name__}")
-    return expected(**{key: _typed(hints[key], value, key) for key, value in values.items()})
-
-
-def _typed(hint: Any, value: Any, key: str) -> Any:
-    """`value` from JSON as the type that `hint` states: JSON knows neither tuples nor dataclasses."""
-    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
-    if dataclasses.is_dataclass(hint):
-        return config_from_dict(hint, value)
-    if origin in (typing.Union, types.UnionType):
-        if value is None and type(None) in arguments:
-            return None
-        return _typed(next(a for a in arguments if a is not type(None)), value, key)
-    if origin is tuple and isinstance(value, list):
-        kinds = arguments[:1] * len(value) if arguments[-1] is Ellipsis else arguments
-        if len(kinds) == len(value):
-            return tuple(_typed(kind, item, key) for kind, item in zip(kinds, value, strict=True))
-    if origin is typing.Literal and value in arguments:
-        return value
-    if hint is float and type(value) is int:
-        return float(value)
-    if isinstance(hint, type) and type(value) is hint:
-        return value
-    raise ValueError(f"config key {key}={value!r} is not {hint}")
 
 
 def shipped(name: str, folder: Path = FOLDER) -> Path:

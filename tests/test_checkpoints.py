@@ -10,6 +10,7 @@ from safetensors.torch import save_file
 from torch import nn
 
 from arm_blender import checkpoints
+from arm_blender.config_json import config_from_dict
 from arm_blender.errors import CheckpointError
 
 
@@ -87,7 +88,7 @@ def test_value_beyond_half_precision_is_refused_and_the_old_file_stays(path):
 
 
 def test_default_fills_a_field_that_the_file_does_not_know():
-    assert checkpoints.config_from_dict(OuterConfig, {"inner": {}}) == OuterConfig(InnerConfig())
+    assert config_from_dict(OuterConfig, {"inner": {}}) == OuterConfig(InnerConfig())
 
 
 @pytest.mark.parametrize(
@@ -104,7 +105,7 @@ def test_default_fills_a_field_that_the_file_does_not_know():
 )
 def test_unknown_key_or_unfit_value_is_refused(values):
     with pytest.raises(ValueError):
-        checkpoints.config_from_dict(OuterConfig, values)
+        config_from_dict(OuterConfig, values)
 
 
 def test_missing_file_names_itself_and_its_remedy(tmp_path):

@@ -17,6 +17,7 @@ LAYERS = [  # A module imports from its own layer and from earlier ones.
         "errors",
         "version",
         "files",
+        "config_json",
         "progress",
         "threads",
         "structures",

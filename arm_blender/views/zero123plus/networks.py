@@ -14,7 +14,7 @@ import torch
 from safetensors import SafetensorError
 from torch import Tensor, nn
 
-from ...checkpoints import config_from_dict
+from ...config_json import config_from_dict
 from ...errors import ArmError, CheckpointError
 from .network_picture import PictureConfig, picture_config
 from .schedule import NoiseConfig
