@@ -96,12 +96,8 @@ def shape(views: ViewSet, settings: Settings, progress: Progress = silent) -> Tr
         settings.resolved.grid, iso=0.0, dense=settings.dense, chunk=POINTS_AT_ONCE[settings.device]
     )
     try:
-        surface = extract(
-            lambda points: network.occupancy_logit(encoded, points[None])[0],
-            config,
-            part(progress, 0.2, 0.8),
-            settings.device,
-        )
+        field = network.filled_logit(encoded, config.chunk)
+        surface = extract(field, config, part(progress, 0.2, 0.8), settings.device)
     except EmptyMeshError as error:
         raise EmptyMeshError(f"{views.name}: {error}") from error
     progress(0.8, "cleaning the mesh")

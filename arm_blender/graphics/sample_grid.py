@@ -163,7 +163,7 @@ class _Evaluator:
 
     def __call__(self, flat: Tensor) -> None:
         total = max(self.samples.evaluated + len(flat), self.likely)
-        for part in flat.split(self.chunk):
+        for part in flat.split(self.chunk) if len(flat) else ():  # A split of nothing is one empty part.
             self.share = max(self.share, self.samples.evaluated / total)
             self.progress(self.share, "Sampling the density")
             values = self.density(self.samples.points(part))

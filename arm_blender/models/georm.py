@@ -1,11 +1,13 @@
 """GeoRM: views to a density whose iso-surface is the object (ARM, section 4.1)."""
 
 import math
+from collections.abc import Callable
 
 import torch
 from torch import Tensor, nn
 
 from .reconstruction import EncodedViews, NetworkViews, ReconstructionConfig, ReconstructionModel
+from .silhouette_fill import CARVED, SilhouetteFill
 from .visual_hull import hull_vote
 
 ISO_DENSITY = 10.0
@@ -35,6 +37,23 @@ class GeoRM(nn.Module):
         """
         raw, hull = self.model.decode(encoded, points)
         return raw.squeeze(-1) if hull is None else raw.squeeze(-1) + self._hull_vote(hull)
+
+    def filled_logit(self, encoded: EncodedViews, chunk: int) -> Callable[[Tensor], Tensor]:
+        """The field whose surface is the object: (P, 3) world points to (P,), of one object, silhouettes filled.
+
+        Where the configuration has no outlines it is `occupancy_logit`.
+
+        Args:
+            chunk: points asked at once.
+        """
+
+        def plain(points: Tensor) -> Tensor:
+            return self.occupancy_logit(encoded, points[None])[0]
+
+        if encoded.views is None:
+            return plain
+        fill = SilhouetteFill.of(lambda points: plain(points) - CARVED, encoded.views.outlines, chunk)
+        return lambda points: fill.raised(points, plain(points) - CARVED)
 
     def coarse_logit(self, encoded: EncodedViews, points: Tensor) -> Tensor:
         """As `occupancy_logit`, by the feature volumes alone."""

@@ -118,19 +118,11 @@ class Outlines:
         """
         batch, views = self.c2w.shape[:2]
         result = self.c2w.new_zeros(batch, views, 2, side, side)
-        size = self.silhouette.shape[-1]
-        centers = (torch.arange(side, device=self.c2w.device) + 0.5) * (size / side)
-        coverage = F.interpolate(self.silhouette[:, :, 0], size=(side, side), mode="bilinear", align_corners=False)
         offsets = torch.linspace(-REACH, REACH, steps, device=self.c2w.device)
         for item in range(batch):
-            view, row, column = (coverage[item] > 0.25).nonzero(as_tuple=True)
-            K, c2w, reach = self.K[item, view], self.c2w[item, view], self.range[item, view]
-            x = (centers[column] - K[:, 0, 2]) / K[:, 0, 0]
-            y = (K[:, 1, 2] - centers[row]) / K[:, 1, 1]
-            rays = torch.stack([x, y, -torch.ones_like(x)], dim=-1)  # One unit of depth long.
-            rays = (c2w[:, :3, :3] * rays.unsqueeze(1)).sum(dim=-1)
+            pixels, origin, rays, reach = self._rays(item, side, 0.25)
             depth = (reach[:, None] + offsets).clamp(min=NEAREST)  # (R, steps)
-            points = c2w[:, None, :3, 3] + rays[:, None] * depth[..., None]
+            points = origin[:, None] + rays[:, None] * depth[..., None]
             # The object lies in the box: without it the hull of a single view would begin at the camera.
             value = solid(item, points.reshape(-1, 3)).view(depth.shape)
             value = torch.minimum(value, 1.0 - points.abs().amax(dim=-1))
@@ -139,9 +131,47 @@ class Outlines:
             after, before = (value.gather(1, (first - back)[:, None])[:, 0] for back in (0, 1))
             share = (after / (after - before).clamp(min=1e-6)).clamp(0.0, 1.0)
             crossing = depth.gather(1, first[:, None])[:, 0] - share * (offsets[1] - offsets[0]) - reach
-            result[item, view, 0, row, column] = met.to(result)
-            result[item, view, 1, row, column] = torch.where(met, crossing, 0.0)
+            result[item, :, 0][pixels] = met.to(result)
+            result[item, :, 1][pixels] = torch.where(met, crossing, 0.0)
         return result
+
+    @torch.no_grad()
+    def highest(self, side: int, solid: Callable[[int, Tensor], Tensor], steps: int, lowest: float) -> Tensor:
+        """The largest value of a solid within the box along the ray of every pixel of the silhouettes.
+
+        Args:
+            side, solid, steps: as in `first_met`. lowest: what counts outside of the box.
+        Returns:
+            (B, V, side, side); infinity where the view shows nothing.
+        """
+        result = self.c2w.new_full((*self.c2w.shape[:2], side, side), torch.inf)
+        for item in range(len(self.c2w)):
+            pixels, origin, rays, reach = self._rays(item, side, 0.5)
+            best = reach.new_full(reach.shape, lowest)
+            # One step after the other: all of them at once would be a hundred megabytes.
+            for offset in torch.linspace(-REACH, REACH, steps).tolist():
+                points = origin + rays * (reach + offset).clamp(min=NEAREST)[:, None]
+                value = torch.where(points.abs().amax(dim=1) <= 1.0, solid(item, points), lowest)
+                best = torch.maximum(best, value)
+            result[item][pixels] = best
+        return result
+
+    def _rays(self, item: int, side: int, coverage: float) -> tuple[tuple[Tensor, ...], Tensor, Tensor, Tensor]:
+        """The pixels of an object's views, `side` a side, that are covered by more than `coverage`, and their rays.
+
+        Returns:
+            (R,) view, row and column; (R, 3) origins; (R, 3) directions, one unit of depth long; (R,) depth of the
+            world's origin.
+        """
+        size, device = self.silhouette.shape[-1], self.c2w.device
+        centers = (torch.arange(side, device=device) + 0.5) * (size / side)
+        share = F.interpolate(self.silhouette[item, :, :1], size=(side, side), mode="bilinear", align_corners=False)
+        view, row, column = pixels = (share[:, 0] > coverage).nonzero(as_tuple=True)
+        K, c2w = self.K[item, view], self.c2w[item, view]
+        x = (centers[column] - K[:, 0, 2]) / K[:, 0, 0]
+        y = (K[:, 1, 2] - centers[row]) / K[:, 1, 1]
+        rays = torch.stack([x, y, -torch.ones_like(x)], dim=-1)
+        return pixels, c2w[:, :3, 3], (c2w[:, :3, :3] * rays.unsqueeze(1)).sum(dim=-1), self.range[item, view]
 
 
 def hull_vote(hull: Tensor, gain: float) -> Tensor:
