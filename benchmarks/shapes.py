@@ -38,7 +38,7 @@ def example_density() -> Density:
     views, _ = normalise(load_views(EXAMPLE))
     with torch.inference_mode():
         encoded = network.eval().encode(network_views(views, config))
-    return lambda points: network.occupancy_logit(encoded, points[None])[0]
+        return network.filled_logit(encoded, 2**14)
 
 
 def example_mesh(density: Density, faces: int) -> TriangleMesh:

@@ -6,8 +6,9 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
+from .feature_volume import sample_volume
 from .reconstruction import EncodedViews, NetworkViews, ReconstructionConfig, ReconstructionModel
-from .silhouette_fill import CARVED, SilhouetteFill
+from .silhouette_fill import CARVED, fill
 from .visual_hull import hull_vote
 
 ISO_DENSITY = 10.0
@@ -52,8 +53,8 @@ class GeoRM(nn.Module):
 
         if encoded.views is None:
             return plain
-        fill = SilhouetteFill.of(lambda points: plain(points) - CARVED, encoded.views.outlines, chunk)
-        return lambda points: fill.raised(points, plain(points) - CARVED)
+        carved = -CARVED + fill(lambda points: plain(points) - CARVED, encoded.views.outlines, chunk)
+        return lambda points: plain(points) + sample_volume(carved, points[None])[0, :, 0]
 
     def coarse_logit(self, encoded: EncodedViews, points: Tensor) -> Tensor:
         """As `occupancy_logit`, by the feature volumes alone."""

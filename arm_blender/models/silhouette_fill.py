@@ -7,7 +7,6 @@ outline needs may then be carved more boldly.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -23,54 +22,60 @@ SIDE, STEPS = 160, 86
 """Pixels a side of the silhouettes that are filled, and samples along a ray: more than one a cell."""
 
 CARVED = 0.6
-"""Logits taken from the network's before silhouettes are filled. Of 0, 0.3, 0.6 and 1 the best on held-out objects:
-less leaves the bulges of the visual hull, more opens thin walls."""
+"""Logits taken from the network's before silhouettes are filled. On held-out objects 0, 0.3, 0.6 and 0.9 give F@0.1 of
+0.880, 0.890, 0.896 and 0.898, and F@0.02 of 0.370, 0.366, 0.353 and 0.339: less leaves the bulges of the visual hull, more
+opens thin walls."""
 
 LEVEL = 0.5
 """Logits above the surface to which a ray is raised: its pixel's centre lies inside."""
 
-MOST = 6.0
-"""Logits by which a ray is raised at most: masks that disagree must not make matter out of nothing."""
+MOST = 4.0
+"""Logits by which a round raises a ray at most: masks that disagree must not make matter out of nothing."""
 
 FALLOFF = 0.5
 """Logits below the highest of its ray at which a point is raised e times less."""
+
+ROUNDS = 3
+"""Of looking what rays lack and raising it: what is raised is smoothed, and what that takes is seen by the next."""
 
 EMPTY = -20.0
 """The logit of what lies outside of the visual hull by more than a cell."""
 
 
-@dataclass(frozen=True)
-class SilhouetteFill:
-    """What rays lack, for one object.
+def fill(logit: Callable[[Tensor], Tensor], outlines: Outlines, chunk: int) -> Tensor:
+    """(1, 1, GRID, GRID, GRID) logits to add to a field, indexed z, y, x, so that it fills the silhouettes.
 
-    Attributes:
-        outlines: of its views, B = 1.
-        lack: (1, V, 2, SIDE, SIDE) logits to add along each pixel's ray, and the highest on it.
+    They are smooth, so that the surface moves as a whole: raised pixel by pixel it would be torn into fins.
+
+    Args:
+        logit: of (P, 3) world points, at most `chunk` at once, (P,).
+        outlines: of one object's views, B = 1.
     """
+    centers = cell_centers(GRID, outlines.c2w.device)
+    near = torch.cat([outlines.hull_distance(part[None])[0] for part in centers.split(chunk)]) > -2.0 / GRID
+    within = near.nonzero()[:, 0]
+    believed = centers.new_full((len(centers),), EMPTY)
+    for part in within.split(chunk) if len(within) else ():
+        believed[part] = logit(centers[part])
+    believed = believed.view(1, 1, GRID, GRID, GRID)
+    added = torch.zeros_like(believed)
+    for _ in range(ROUNDS):
+        raised = torch.zeros_like(believed)
+        raised.view(-1)[within] = _raised(outlines, believed + added, centers[within])
+        for _ in range(2):
+            raised = F.avg_pool3d(raised, 3, stride=1, padding=1)
+        added = added + raised
+    return added
 
-    outlines: Outlines
-    lack: Tensor
 
-    @classmethod
-    def of(cls, logit: Callable[[Tensor], Tensor], outlines: Outlines, chunk: int) -> "SilhouetteFill":
-        """Of a field: `logit` takes (P, 3) world points, at most `chunk` at once, and gives (P,)."""
-        centers = cell_centers(GRID, outlines.c2w.device)
-        near = torch.cat([outlines.hull_distance(part[None])[0] for part in centers.split(chunk)]) > -2.0 / GRID
-        values = centers.new_full((len(centers),), EMPTY)
-        within = near.nonzero()[:, 0]
-        for part in within.split(chunk) if len(within) else ():
-            values[part] = logit(centers[part])
-        grid = values.view(1, 1, GRID, GRID, GRID)
-        highest = outlines.highest(SIDE, lambda _, points: sample_volume(grid, points[None])[0, :, 0], STEPS, EMPTY)
-        lack = (LEVEL - highest).clamp(0.0, MOST)
-        # Beside a silhouette as at its edge, for between pixels both are interpolated.
-        beside = -F.max_pool2d(-highest, 3, stride=1, padding=1)
-        highest = torch.where(highest.isfinite(), highest, beside).clamp(max=-EMPTY)
-        return cls(outlines, torch.stack([lack, highest], dim=2))
-
-    def raised(self, points: Tensor, logit: Tensor) -> Tensor:
-        """The logits (P,) of world points (P, 3), raised where a silhouette needs them."""
-        seen = self.outlines.project(points[None])
-        lack, highest = seen.sample(self.lack)[0].unbind(-1)  # (V, P)
-        share = (-(highest - logit).clamp(min=0.0) / FALLOFF).exp() * seen.framed[0]
-        return logit + (lack * share).amax(dim=0)
+def _raised(outlines: Outlines, field: Tensor, points: Tensor) -> Tensor:
+    """(P,) logits that points (P, 3) lack for every ray through a silhouette to meet something solid."""
+    highest = outlines.highest(SIDE, lambda _, p: sample_volume(field, p[None])[0, :, 0], STEPS, EMPTY)
+    lack = (LEVEL - highest).clamp(0.0, MOST)
+    # Beside a silhouette as at its edge, for between pixels both are interpolated.
+    beside = -F.max_pool2d(-highest, 3, stride=1, padding=1)
+    highest = torch.where(highest.isfinite(), highest, beside).clamp(max=-EMPTY)
+    seen = outlines.project(points[None])
+    lack, highest = seen.sample(torch.stack([lack, highest], dim=2))[0].unbind(-1)  # (V, P)
+    below = (highest - sample_volume(field, points[None])[0, :, 0]).clamp(min=0.0)
+    return (lack * (-below / FALLOFF).exp() * seen.framed[0]).amax(dim=0)
