@@ -23,8 +23,8 @@ SIDE, STEPS = 160, 86
 
 CARVED = 0.6
 """Logits taken from the network's before silhouettes are filled. On held-out objects 0, 0.3, 0.6 and 0.9 give F@0.1 of
-0.880, 0.890, 0.896 and 0.898, and F@0.02 of 0.370, 0.366, 0.353 and 0.339: less leaves the bulges of the visual hull, more
-opens thin walls."""
+0.880, 0.890, 0.896 and 0.898, and F@0.02 of 0.370, 0.366, 0.353 and 0.339: less leaves the bulges of the visual hull,
+more opens thin walls."""
 
 LEVEL = 0.5
 """Logits above the surface to which a ray is raised: its pixel's centre lies inside."""
