@@ -54,11 +54,12 @@ def fill(logit: Callable[[Tensor], Tensor], outlines: Outlines, chunk: int) -> T
     centers = cell_centers(GRID, outlines.c2w.device)
     near = torch.cat([outlines.hull_distance(part[None])[0] for part in centers.split(chunk)]) > -2.0 / GRID
     within = near.nonzero()[:, 0]
-    believed = centers.new_full((len(centers),), EMPTY)
-    for part in within.split(chunk) if len(within) else ():
-        believed[part] = logit(centers[part])
-    believed = believed.view(1, 1, GRID, GRID, GRID)
-    added = torch.zeros_like(believed)
+    added = centers.new_zeros(1, 1, GRID, GRID, GRID)
+    if not len(within):  # Masks that have no hull in common.
+        return added
+    believed = torch.full_like(added, EMPTY)
+    for part in within.split(chunk):
+        believed.view(-1)[part] = logit(centers[part])
     for _ in range(ROUNDS):
         raised = torch.zeros_like(believed)
         raised.view(-1)[within] = _raised(outlines, believed + added, centers[within])
