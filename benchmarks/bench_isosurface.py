@@ -75,7 +75,7 @@ def section() -> Section:
     text = paragraphs(
         "## Iso-surface",
         "The field is that of the shipped GeoRM for the committed example. *Missed*: faces of the dense surface that "
-        "the sparse one has not, parts that leave no trace on the corners of blocks. *Hausdorff*: the farthest that a "
+        "the sparse one has not, parts that leave no trace on the first samples. *Hausdorff*: the farthest that a "
         "vertex of either mesh lies from the other's, in cells.",
         markdown_table(header, rows),
     )

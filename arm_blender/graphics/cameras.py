@@ -84,11 +84,13 @@ def orbit_camera(
     Azimuth 0 lies on -Y (Blender's front) and grows counter-clockwise seen from above.
     """
     azimuth, elevation = math.radians(azimuth_deg), math.radians(elevation_deg)
-    eye = distance * torch.tensor([
-        math.sin(azimuth) * math.cos(elevation),
-        -math.cos(azimuth) * math.cos(elevation),
-        math.sin(elevation),
-    ])
+    eye = distance * torch.tensor(
+        [
+            math.sin(azimuth) * math.cos(elevation),
+            -math.cos(azimuth) * math.cos(elevation),
+            math.sin(elevation),
+        ]
+    )
     return Camera(look_at(eye), intrinsics_from_fovy(math.radians(fovy_deg), width, height), width, height)
 
 

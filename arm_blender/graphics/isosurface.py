@@ -14,9 +14,10 @@ from torch import Tensor
 from ..errors import EmptyMeshError
 from ..progress import Progress, silent
 from ..structures import TriangleMesh
+from .block_search import sample_blocks
 from .marching_tables import CORNERS, EDGES, triangle_table
 from .ragged import enumerate_items
-from .sample_grid import BlockSamples, Density, IsosurfaceConfig, sample_blocks
+from .sample_grid import BlockSamples, Density, IsosurfaceConfig
 
 logger = logging.getLogger(__name__)
 

@@ -30,7 +30,7 @@ def two_parts(p: Tensor) -> Tensor:
 
 
 def thin_plate(p: Tensor) -> Tensor:
-    """Thinner than a block of four cells at every resolution used here."""
+    """Thinner than two cells at every resolution at which it is compared with the dense surface."""
     return ISO + 50.0 * (0.03 - torch.maximum((p[:, 2] - 0.137).abs(), p[:, :2].abs().amax(dim=1) - 0.7))
 
 
@@ -93,6 +93,29 @@ def test_no_sample_is_evaluated_twice_and_few_are_needed():
     points = torch.cat(asked)
     assert max(len(part) for part in asked) <= 10_000
     assert len(points.unique(dim=0)) == len(points) < 0.3 * 97**3
+
+
+@pytest.mark.parametrize("density", [ball, torus, two_parts, thin_plate])
+def test_the_cost_grows_with_the_surface(density):
+    """Twice as fine: about four times as many samples, not eight. A thin plate's two sides share some on coarse grids."""
+    asked = []
+
+    def counted(p: Tensor) -> Tensor:
+        asked[-1] += len(p)
+        return density(p)
+
+    for resolution in (65, 129, 257):
+        asked.append(0)
+        extract(counted, IsosurfaceConfig(resolution))
+    assert asked[1] < 5.5 * asked[0] and asked[2] < 5.5 * asked[1]
+
+
+def test_a_part_that_is_seen_at_256_is_seen_on_a_finer_grid():
+    config = [IsosurfaceConfig(resolution) for resolution in (64, 256, 257, 512, 1024)]
+    assert [c.search_halvings for c in config] == [2, 2, 3, 3, 4]
+    assert max((c.resolution - 1) / (c.block << c.search_halvings) for c in config) <= 32
+    with pytest.raises(ValueError, match="halvings 0"):
+        IsosurfaceConfig(16, halvings=0)
 
 
 @pytest.mark.parametrize("density", [ball, torus, waves])
