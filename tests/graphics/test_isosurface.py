@@ -97,7 +97,7 @@ def test_no_sample_is_evaluated_twice_and_few_are_needed():
 
 @pytest.mark.parametrize("density", [ball, torus, two_parts, thin_plate])
 def test_the_cost_grows_with_the_surface(density):
-    """Twice as fine: about four times as many samples, not eight. A thin plate's two sides share some on coarse grids."""
+    """Twice as fine: about four times as many samples, not eight. On coarse grids a plate's two sides share some."""
     asked = []
 
     def counted(p: Tensor) -> Tensor:
