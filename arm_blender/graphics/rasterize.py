@@ -248,20 +248,18 @@ def _fragments(
     triangles: ScreenTriangles, box: Tensor, plane: Tensor, nearest: Tensor, winner: Tensor, shape: tuple[int, int, int]
 ) -> Fragments:
     """What the buffers (V * H * W,) say, with barycentric coordinates on the faces."""
-    pixel = torch.isfinite(nearest).nonzero()[:, 0]
-    triangle = winner[pixel].long()
-    column = pixel % shape[2] - box[0, triangle]
-    row = torch.div(pixel, shape[2], rounding_mode="floor") - box[1, triangle]
-    weights = _weights(plane, triangle, column, row)
-    if triangles.inverse_depth is not None:
-        weights = weights * triangles.inverse_depth[triangle].T
-        weights = weights / weights.sum(dim=0)
-    if triangles.corners is not None:
-        weights = torch.einsum("ip,pij->jp", weights, triangles.corners[triangle])
     face_id = torch.full_like(nearest, -1, dtype=torch.int64)
-    face_id[pixel] = triangles.face[triangle]
-    barycentric = nearest.new_zeros(shape[0], 3, shape[1] * shape[2])
-    view, place = torch.div(pixel, barycentric.shape[2], rounding_mode="floor"), pixel % barycentric.shape[2]
-    for corner in range(3):
-        barycentric[view, corner, place] = weights[corner]
-    return Fragments(face_id.view(shape), barycentric.unflatten(2, shape[1:]), nearest.view(shape))
+    barycentric = nearest.new_zeros(3, len(nearest))
+    for pixel in (winner < len(triangles.face)).nonzero()[:, 0].split(CHUNK):  # Pieces that stay in the cache.
+        triangle = winner[pixel].long()
+        line = torch.div(pixel, shape[2], rounding_mode="floor")
+        weights = _weights(plane, triangle, pixel - line * shape[2] - box[0, triangle], line - box[1, triangle])
+        if triangles.inverse_depth is not None:
+            weights = weights * triangles.inverse_depth[triangle].T
+            weights = weights / weights.sum(dim=0)
+        if triangles.corners is not None:
+            weights = torch.einsum("ip,pij->jp", weights, triangles.corners[triangle])
+        face_id.scatter_(0, pixel, triangles.face[triangle])
+        for corner in range(3):
+            barycentric[corner].scatter_(0, pixel, weights[corner])
+    return Fragments(face_id.view(shape), barycentric.view(3, *shape).transpose(0, 1), nearest.view(shape))
