@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 import torch
 from torch import Tensor
 
-from .graphics.cameras import Camera
+from .graphics.cameras import Camera, directions_to
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ class TexelViews:
 
         Not stored: of all views together it would be the largest part.
         """
-        towards = torch.nn.functional.normalize(self.eyes[view][:, None, None] - position, dim=0)
+        towards = directions_to(self.eyes[view], position.permute(1, 2, 0)).permute(2, 0, 1)
         return torch.where(self.visibility[view], towards, 0.0)
 
     def only(self, views: Tensor) -> "TexelViews":

@@ -3,9 +3,9 @@
 python -m benchmarks.bench_backproject [--threads N]
 """
 
-import resource
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import torch
@@ -41,23 +41,29 @@ def onto(mesh: UvMesh, views: ViewSet, size: int) -> None:
     blend(backproject(mesh, texel_map(mesh, size), views), views.weights)
 
 
-def peak_gib(size: int, threads: int) -> float:
-    """Memory of a process that does the work once, at its highest."""
+def peak_gib(mesh: UvMesh, views: ViewSet, size: int) -> float:
+    """Memory of a process that does this work once, and nothing else, at its highest."""
     code = (
-        "import torch; from benchmarks.bench_backproject import onto, scene; "
-        f"torch.set_num_threads({threads}); onto(*scene(), {size})"
+        "import sys, torch; from arm_blender.report import peak_memory_mib; "
+        "from benchmarks.bench_backproject import onto; "
+        "mesh, views = torch.load(sys.argv[1], weights_only=False); torch.set_num_threads(int(sys.argv[3])); "
+        "onto(mesh, views, int(sys.argv[2])); print(peak_memory_mib())"
     )
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[1])
-    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 2**20  # Linux counts KiB.
+    with tempfile.TemporaryDirectory() as folder:
+        scene_file = Path(folder) / "scene.pt"
+        torch.save((mesh, views), scene_file)
+        command = [sys.executable, "-c", code, str(scene_file), str(size), str(torch.get_num_threads())]
+        done = subprocess.run(command, check=True, cwd=Path(__file__).parents[1], capture_output=True, text=True)
+    return float(done.stdout) / 1024
 
 
 def section() -> Section:
     """The table as Markdown."""
     mesh, views = scene()
     rows = []
-    for size in (1024, 2048):  # The larger last: the peak is that of all children so far.
+    for size in (1024, 2048):
         seconds = median_seconds(lambda s=size: onto(mesh, views, s), 3)
-        rows.append([f"{size}²", f"{seconds:.2f}", f"{peak_gib(size, torch.get_num_threads()):.2f}"])
+        rows.append([f"{size}²", f"{seconds:.2f}", f"{peak_gib(mesh, views, size):.2f}"])
     text = paragraphs(
         "## Back-projection",
         f"Six views of 512² onto the atlas of a mesh of {FACES:,} faces, rasterising, visibility, sampling and blend "

@@ -1,6 +1,9 @@
 """The report adds up, and its file says what the run was."""
 
 import json
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -32,3 +35,11 @@ def test_the_file_says_what_the_run_was(tmp_path):
     assert (data["faces"], data["charts"], data["texture_size"], data["seen_share"]) == (10, 2, 512, 0.25)
     assert data["left_out"] == [{"what": "a.blend", "why": "no bpy"}]
     assert data["peak_memory_mib"] > 1.0
+
+
+def test_a_process_does_not_count_the_memory_of_the_one_that_started_it():
+    """As the operating system does where a large process starts a small one."""
+    large = bytearray(b"x" * (400 << 20))
+    code = "from arm_blender.report import peak_memory_mib; print(peak_memory_mib())"
+    done = subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[1], capture_output=True, text=True)
+    assert float(done.stdout) < 300.0 < len(large) / 2**20

@@ -130,4 +130,11 @@ def unproject(pixels: Tensor, depth: Tensor, camera: Camera) -> Tensor:
 
 def view_directions(points: Tensor, camera: Camera) -> Tensor:
     """(..., 3) unit vectors from world `points` (..., 3) towards the camera."""
-    return torch.nn.functional.normalize(camera.center - points, dim=-1)
+    return directions_to(camera.center, points)
+
+
+def directions_to(eye: Tensor, points: Tensor) -> Tensor:
+    """(..., 3) unit vectors towards `eye` (3,) from `points` (..., 3); zero at the eye itself."""
+    towards = eye - points
+    x, y, z = towards.unbind(dim=-1)  # A reduction over three numbers takes torch several times as long.
+    return towards / (x.square() + y.square() + z.square()).sqrt().clamp(min=1e-12)[..., None]

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from .cameras import Camera
-from .ragged import enumerate_items
+from .ragged import enumerate_items, in_pieces
 from .screen_triangles import EDGE_TOLERANCE, ScreenTriangles, of_views, screen_triangles
 
 CHUNK = 1 << 18  # Candidate pixels tested at once: about 30 MB of work space, whatever the size of the triangles.
@@ -102,12 +102,17 @@ def interpolate(attributes: Tensor, faces: Tensor, fragments: Fragments) -> Tens
         (C, H, W).
     """
     height, width = fragments.face_id.shape
+    face_id, barycentric = fragments.face_id.flatten(), fragments.barycentric.flatten(1)
+
+    def values(pixel: Tensor) -> tuple[Tensor]:
+        corners = faces[face_id[pixel]]  # (P, 3)
+        weights = barycentric[:, pixel].to(attributes.dtype)  # (3, P)
+        return (sum(weights[i, :, None] * attributes[corners[:, i]] for i in range(3)),)
+
     pixel = fragments.mask.flatten().nonzero()[:, 0]
-    corners = faces[fragments.face_id.flatten()[pixel]]  # (P, 3)
-    weights = fragments.barycentric.flatten(1)[:, pixel].to(attributes.dtype)  # (3, P)
-    values = sum(weights[i, :, None] * attributes[corners[:, i]] for i in range(3))
-    image = attributes.new_zeros(height * width, attributes.shape[1])
-    return image.index_copy(0, pixel, values).T.reshape(-1, height, width)
+    empty = attributes.new_zeros(height * width)
+    channels = in_pieces(values, pixel)[0].unbind(dim=1)
+    return torch.stack([empty.scatter(0, pixel, channel) for channel in channels]).reshape(-1, height, width)
 
 
 def _scan(triangles: ScreenTriangles, views: int, height: int, width: int) -> Fragments:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from torch import Tensor
@@ -9,9 +10,10 @@ from torch import Tensor
 from ..graphics.cameras import Camera, project, view_directions
 from ..graphics.color import srgb_from_linear
 from ..graphics.meshes import face_areas, face_normals, signed_areas
+from ..graphics.ragged import in_pieces
 from ..structures import TexelMap, TexelViews, UvMesh, ViewSet
 from .view_sampling import footprint, sample_view
-from .visibility import depth_buffer, opaque_pixels, unoccluded
+from .visibility import DepthBuffer, opaque_pixels, unoccluded
 
 SMALLEST_TEXTURE = 256  # Texels a side.
 BLEND_CHUNK = 1 << 17  # Texels blended at once; bounds the work space.
@@ -82,23 +84,24 @@ def backproject(
     visibility = torch.zeros(count, size * size, dtype=torch.bool, device=points.device)
     cosine = points.new_zeros(count, size * size)
     pixels = points.new_zeros(count, size * size, 2)
-    steps, plain, sure = [], [], []
+    steps, facing, plain, sure = [], [], [], []
     for view, (image, camera) in enumerate(zip(views.images, views.cameras, strict=True)):
-        pixels[view, covered] = project(points, camera)[0]
+        where, squarely = in_pieces(partial(_look, camera), points, normals)
+        pixels[view].index_copy_(0, covered, where)
         steps.append(footprint(pixels[view].view(size, size, 2), texels.mask).flatten()[covered])
-        seen, seen_well = _sight(mesh, points, normals, steps[-1], image, camera, config)
+        facing.append(squarely)
+        seen, seen_well = _sight(mesh, points, normals, squarely, steps[-1], image, camera, config)
         plain.append(seen)
         sure.append(seen_well)
     sure_of_one = torch.stack(sure).any(dim=0)
-    for view, camera in enumerate(views.cameras):
+    for view, image in enumerate(views.images):
         chosen = torch.where(sure_of_one, sure[view], plain[view]).nonzero()[:, 0]
         where = pixels[view, covered[chosen]]
-        colors, found = sample_view(views.images[view], where, steps[view][chosen], config.min_alpha)
+        colors, found = sample_view(image, where, steps[view][chosen], config.min_alpha)
         chosen, colors = chosen[found], colors[:, found]
-        towards = view_directions(points[chosen], camera)
         color[view].index_copy_(1, covered[chosen], colors)
         visibility[view, covered[chosen]] = True
-        cosine[view, covered[chosen]] = (normals[chosen] * towards).sum(dim=1).clamp(0.0, 1.0)
+        cosine[view, covered[chosen]] = facing[view][chosen].clamp(0.0, 1.0)
     square = (count, size, size)
     return TexelViews(
         color.view(count, 3, size, size),
@@ -160,10 +163,16 @@ def texture_size_for(mesh: UvMesh, views: ViewSet, maximum: int) -> int:
     return max(SMALLEST_TEXTURE, min(1 << round(math.log2(exact)), 1 << (maximum.bit_length() - 1)))
 
 
+def _look(camera: Camera, points: Tensor, normals: Tensor) -> tuple[Tensor, Tensor]:
+    """(P, 2) pixels at which a camera has points (P, 3), and (P,) n.v."""
+    return project(points, camera)[0], (normals * view_directions(points, camera)).sum(dim=1)
+
+
 def _sight(
     mesh: UvMesh,
     points: Tensor,
     normals: Tensor,
+    facing: Tensor,
     steps: Tensor,
     image: Tensor,
     camera: Camera,
@@ -171,30 +180,28 @@ def _sight(
 ) -> tuple[Tensor, Tensor]:
     """Points (P, 3) that a view sees, and those that it sees squarely enough and away from any outline; (P,) bool each.
 
-    `steps` (P,) are the pixels that a texel covers.
+    `facing` (P,) is n.v, and `steps` (P,) are the pixels that a texel covers.
     """
-    facing = (normals * view_directions(points, camera)).sum(dim=1)
-    visible = facing >= config.grazing_cosine
+    visible = (facing >= config.grazing_cosine).nonzero()[:, 0]
     margin = max(1.0, config.margin * camera.height)  # Pixels of the view.
     # A colour is read from pixels around the point: one away if bilinear, more from a mip level.
-    typical = float(steps[visible].median()) if bool(visible.any()) else 1.0
+    typical = float(steps[visible].median()) if len(visible) else 1.0
     reach = 1.0 if typical <= 1.0 else 1.5 * typical
-    buffer, sized = depth_buffer(mesh, camera, config.depth_resolution)
-    free, inner = unoccluded(
-        points,
-        normals,
-        buffer,
-        sized,
-        math.ceil((margin + reach) * sized.height / camera.height - 1e-3),
-        config.depth_bias,
-        config.slope_bias,
-        config.grazing_cosine,
-    )
-    free &= visible
+    buffer = DepthBuffer.of(mesh, camera, config.depth_resolution, margin + reach)
     opaque = opaque_pixels(image[3], config.min_alpha, math.ceil(margin - 1e-3))
-    column, row = project(points, camera)[0].long().unbind(dim=1)
-    well = facing >= config.min_cosine
-    return free, free & well & inner & opaque[row.clamp(0, camera.height - 1), column.clamp(0, camera.width - 1)]
+
+    def sight(index: Tensor) -> tuple[Tensor, Tensor]:
+        near = points[index]
+        free, inner = unoccluded(
+            near, normals[index], buffer, config.depth_bias, config.slope_bias, config.grazing_cosine
+        )
+        column, row = project(near, camera)[0].long().unbind(dim=1)
+        clear = opaque[row.clamp(0, camera.height - 1), column.clamp(0, camera.width - 1)]
+        return free, inner & clear & (facing[index] >= config.min_cosine)
+
+    none = torch.zeros_like(facing, dtype=torch.bool)
+    free, inner = in_pieces(sight, visible)
+    return none.scatter(0, visible, free), none.scatter(0, visible, inner)
 
 
 def _agreement(colors: Tensor, trusted: Tensor, config: BlendConfig) -> Tensor:

@@ -19,8 +19,9 @@ def texel_map(mesh: UvMesh, size: int) -> TexelMap:
     fragments = rasterize_uv(mesh.uvs, mesh.face_uvs, size)
     position = interpolate(mesh.vertices, mesh.faces, fragments)
     smooth = interpolate(vertex_normals(mesh.vertices, mesh.faces), mesh.faces, fragments)
-    length = smooth.norm(dim=0)
+    length = smooth.square().sum(dim=0).sqrt()
+    normal = smooth / length.clamp(min=1e-3)
     # Where opposite normals cancel (a fin without thickness), the face's own is the only one that means anything.
-    flat = face_normals(mesh.vertices, mesh.faces)[fragments.face_id.clamp(min=0)].permute(2, 0, 1) * fragments.mask
-    normal = torch.where(length > 1e-3, smooth / length.clamp(min=1e-3), flat)
+    cancelled = (length <= 1e-3) & fragments.mask
+    normal[:, cancelled] = face_normals(mesh.vertices, mesh.faces)[fragments.face_id[cancelled]].T
     return TexelMap(position, normal, fragments.mask)

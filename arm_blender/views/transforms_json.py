@@ -70,11 +70,13 @@ class PosedFrame:
             raise CameraError(f"{self.where}: w, h say {size}, the picture is {width}x{height}; correct w and h")
         focal_x, focal_y = self._focals(*stated)
         center_x, center_y = self._number("cx"), self._number("cy")
-        K = torch.tensor([
-            [focal_x * scale_x, 0.0, (stated[0] / 2.0 if center_x is None else center_x) * scale_x],
-            [0.0, focal_y * scale_y, (stated[1] / 2.0 if center_y is None else center_y) * scale_y],
-            [0.0, 0.0, 1.0],
-        ])
+        K = torch.tensor(
+            [
+                [focal_x * scale_x, 0.0, (stated[0] / 2.0 if center_x is None else center_x) * scale_x],
+                [0.0, focal_y * scale_y, (stated[1] / 2.0 if center_y is None else center_y) * scale_y],
+                [0.0, 0.0, 1.0],
+            ]
+        )
         return Camera(self.c2w, K, width, height)
 
     def _focals(self, width: float, height: float) -> tuple[float, float]:
