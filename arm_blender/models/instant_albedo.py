@@ -111,8 +111,9 @@ class InstantAlbedo(nn.Module):
         predicted = self.ffc(torch.cat(inputs)[None])[0]  # (6, n, n)
         if self.config.residual:
             gain = _enlarge(_LOG_GAIN * torch.tanh(predicted / _LOG_GAIN), surface[:1], side)
-            baked = _scaled(base, gain[:3])
-            return _scaled(baked, gain[3:]), baked
+            # What a view sees is the baked colour; only what no view sees is the network's to say.
+            unseen = 1.0 - _enlarge(_mean((seen.seen & texels.mask)[None].float(), surface[:1]), surface[:1], side)
+            return _scaled(_scaled(base, gain[:3]), gain[3:]), _scaled(base, unseen * gain[:3])
         colors = linear_from_srgb(torch.sigmoid(predicted))
         if resolution != side:
             colors = _enlarge(colors, surface[:1], side)

@@ -59,6 +59,22 @@ def test_untrained_residual_network_returns_the_blend(side):
     assert torch.equal(baked, base)
 
 
+@pytest.mark.parametrize("side", [16, 48])
+def test_the_baked_colour_of_what_a_view_sees_is_what_it_sees(side):
+    images, texels, seen, base = atlas(side)
+    # Whole cells of the network, and far enough from others that none is mixed in.
+    visible = texels.mask.clone()
+    visible[side // 2 :] = False
+    seen = replace(seen, visibility=visible.expand_as(seen.visibility), color=seen.color.nan_to_num())
+    with torch.no_grad():
+        albedo, baked = randomised(RESIDUAL)(images, texels, replace(seen, pixels=seen.pixels.nan_to_num()), base)
+    here = visible.clone()
+    here[side // 2 - side // 16 :] = False
+    torch.testing.assert_close(baked[:, here], base[:, here], rtol=0.0, atol=1e-6)
+    assert not torch.allclose(albedo[:, here], base[:, here], atol=1e-3)
+    assert not torch.allclose(baked[:, texels.mask & ~visible], base[:, texels.mask & ~visible], atol=1e-3)
+
+
 @pytest.mark.parametrize("config", [TINY, RESIDUAL])
 def test_views_have_no_order(config):
     model = randomised(config)
@@ -112,15 +128,15 @@ def test_gap_values_of_the_network_never_reach_a_chart(monkeypatch):
 
 
 def test_detail_finer_than_the_network_comes_through(monkeypatch):
-    """A constant correction scales every texel alike, so that a checkerboard of single texels stays one."""
+    """A constant correction scales all of the albedo alike, so that a checkerboard of single texels stays one."""
     images, texels, seen, _ = atlas(64)
     checker = (torch.arange(64)[:, None] + torch.arange(64)) % 2
     base = 0.1 + 0.4 * checker.float().expand(3, 64, 64)
     model = InstantAlbedo(RESIDUAL)
     monkeypatch.setattr(model.ffc, "forward", lambda x: torch.full((1, 6, 16, 16), -0.3))
     with torch.no_grad():
-        baked = model(images, texels, seen, base)[1]
-    dark, bright = (baked[0][texels.mask & (checker == k)] for k in (0, 1))
+        albedo = model(images, texels, seen, base)[0]
+    dark, bright = (albedo[0][texels.mask & (checker == k)] for k in (0, 1))
     assert dark.max() - dark.min() < 1e-6
     # (0.5 + d) / (0.1 + d) is what scaling by one factor keeps, d = 0.02.
     assert ((bright.mean() + 0.02) / (dark.mean() + 0.02)).item() == pytest.approx(0.52 / 0.12, rel=1e-4)
