@@ -57,19 +57,23 @@ def download(name: str, progress: Progress = silent) -> Installed:
     """
     weights = checkpoints.registered(name)
     place = checkpoints.shipped(name)
-    if weights.file is None:
+    if not weights.files:
         raise DownloadError(f"{name}: nobody publishes these weights; {weights.remedy}")
     if checkpoints.condition(name) == "whole":
         progress(1.0, f"{place.name} is there")
         return Installed(place, name, weights.licence)
     folder = place.parent / DOWNLOADS
-    try:
-        source = fetch(weights.file, folder, part(progress, 0.0, _FETCHING))
-    except DownloadError as error:
-        raise DownloadError(f"{error}; {by_hand(weights)}") from error
+    sources = []
+    for index, file in enumerate(weights.files):
+        start, end = (_FETCHING * edge / len(weights.files) for edge in (index, index + 1))
+        try:
+            sources.append(fetch(file, folder, part(progress, start, end)))
+        except DownloadError as error:
+            raise DownloadError(f"{error}; {by_hand(weights)}") from error
     progress(_FETCHING, f"installing {place.name}")
-    installed = _install(source, weights)
-    source.unlink()
+    installed = _install(tuple(sources), weights)
+    for source in sources:
+        source.unlink()
     if not any(folder.iterdir()):
         folder.rmdir()
     return installed
@@ -77,8 +81,10 @@ def download(name: str, progress: Progress = silent) -> Installed:
 
 def by_hand(weights: Weights) -> str:
     """What a user without network puts where."""
+    names = [file.name for file in weights.files]
+    what = names[0] if len(names) == 1 else "FOLDER"
     return (
-        f"bring {weights.file.name} from another machine: python -m arm_blender weights import {weights.file.name} "
+        f"bring {' and '.join(names)} from another machine: python -m arm_blender weights import {what} "
         f"--as {weights.kind} makes {checkpoints.shipped(weights.name)} of it"
     )
 
@@ -88,8 +94,8 @@ def install(source: Path, kind: str | None = None, output: Path | None = None) -
 
     Args:
         source: a file, or a folder with files that the registry knows by their names, ours included.
-        kind: "georm", "image-encoder", "material-encoder" or "matting"; None tells it by the name, and takes all of
-            a folder.
+        kind: "georm", "image-encoder", "material-encoder", "lpips" or "matting"; None tells it by the name, and takes
+            all of a folder.
         output: of a single file; None puts it where it is looked for, and records its hash.
     Raises:
         CheckpointError: unknown by its name, damaged, or another network than it should be.
@@ -97,11 +103,12 @@ def install(source: Path, kind: str | None = None, output: Path | None = None) -
     """
     wanted = [weights for weights in checkpoints.REGISTRY if weights.kind and kind in (None, weights.kind)]
     if source.is_dir():
-        pairs = [(found, weights) for weights in wanted if (found := _first(source, weights)) is not None]
+        pairs = [(found, weights) for weights in wanted if (found := _first(source, weights))]
     else:
-        pairs = [(source, weights) for weights in wanted if kind is not None or source.name in weights.names]
+        named = (source.name,)
+        pairs = [((source,), weights) for weights in wanted if kind is not None or named in weights.choices]
     if not pairs:
-        names = ", ".join(name for weights in wanted for name in weights.names)
+        names = ", ".join(" with ".join(choice) for weights in wanted for choice in weights.choices)
         raise CheckpointError(f"{source}: no weights that are known by their names ({names}); name the file, and --as")
     if output is not None and len(pairs) > 1:
         raise CheckpointError(f"{source}: holds several weights, but --output names one file; name the file too")
@@ -109,19 +116,22 @@ def install(source: Path, kind: str | None = None, output: Path | None = None) -
         yield _install(found, weights, output)
 
 
-def _first(folder: Path, weights: Weights) -> Path | None:
-    return next((folder / name for name in weights.names if (folder / name).is_file()), None)
+def _first(folder: Path, weights: Weights) -> tuple[Path, ...]:
+    """The files of the best choice that is there; none where none is."""
+    choices = (tuple(folder / name for name in choice) for choice in weights.choices)
+    return next((paths for paths in choices if all(path.is_file() for path in paths)), ())
 
 
-def _install(source: Path, weights: Weights, output: Path | None = None) -> Installed:
-    """One file, by what it holds: an ONNX model, a file that this program wrote, or a checkpoint to convert."""
+def _install(sources: tuple[Path, ...], weights: Weights, output: Path | None = None) -> Installed:
+    """Files by what they hold: an ONNX model, what this program wrote, or a checkpoint to convert."""
+    source, *rest = sources
     place = output or checkpoints.shipped(weights.name)
     check_output(place.parent)
     if weights.kind == MATTING:
         from .views.matting import check_model
 
         check_model(source)
-        known = weights.file is not None and source.name == weights.file.name
+        known = (source.name,) == weights.choices[1]
         installed = Installed(place, source.name, weights.licence if known else "that of its publisher")
     elif source.name == weights.file_name:
         header = checkpoints.read_header(source)
@@ -132,7 +142,7 @@ def _install(source: Path, weights: Weights, output: Path | None = None) -> Inst
             )
         installed = Installed(place, header.get("origin", weights.name), header.get("licence", weights.licence))
     else:
-        path, converted = import_weights(source, weights.kind, output)
+        path, converted = import_weights(source, weights.kind, output, *rest)
         return Installed(path, converted.origin, converted.licence)
     with whole_file(place) as temporary:
         shutil.copyfile(source, temporary)

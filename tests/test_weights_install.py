@@ -36,10 +36,9 @@ def dino(tmp_path, monkeypatch) -> bytes:
 def published(publisher, dino, weights_folder, monkeypatch):
     """The registry, with the publisher of DINO on this machine."""
     file = publisher.published("dino_vitbase8_pretrain.pth", dino, sha256=hashlib.sha256(dino).hexdigest())
-    registry = tuple(
-        dataclasses.replace(weights, file=file) if weights.name == NAME else weights for weights in checkpoints.REGISTRY
-    )
-    monkeypatch.setattr(checkpoints, "REGISTRY", registry)
+    others = [weights for weights in checkpoints.REGISTRY if weights.name != NAME]
+    here = dataclasses.replace(checkpoints.registered(NAME), files=(file,))
+    monkeypatch.setattr(checkpoints, "REGISTRY", (*others, here))
     return publisher
 
 

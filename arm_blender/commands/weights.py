@@ -7,7 +7,7 @@ from pathlib import Path
 from ..errors import CheckpointError
 from . import UsageError
 
-KINDS = ("georm", "image-encoder", "material-encoder", "matting")
+KINDS = ("georm", "image-encoder", "material-encoder", "lpips", "matting")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         dest="kind",
         choices=KINDS,
         help="InstantMesh is a georm, DINO's ViT-B/16 an image-encoder, its ViT-B/8 a material-encoder, "
-        "U2-Net or IS-Net as ONNX a matting (default: by the file's name)",
+        "U2-Net or IS-Net as ONNX a matting (default: by the names of files)",
     )
     bring.add_argument("--output", type=Path, metavar="FILE", help="default: where the preset that uses it looks")
     fetch = actions.add_parser("download", help="fetch weights of another project, under its licence")
@@ -83,8 +83,9 @@ def _download(args: argparse.Namespace) -> int:
     if checkpoints.condition(args.name) == "whole":
         print(f"{place}: is there, and whole")
         return 0
-    if weights.file is not None:
-        print(f"{weights.name}: {weights.enables}; {weights.download}, from {weights.file.url}")
+    if weights.files:
+        places = " and ".join(file.url for file in weights.files)
+        print(f"{weights.name}: {weights.enables}; {weights.download}, from {places}")
         print(f"licence of the weights: {weights.licence}; they would lie at {place}", flush=True)
         if not (args.accept_licence or _agreed(weights.name)):
             print("nothing was downloaded")

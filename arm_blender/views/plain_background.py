@@ -15,9 +15,9 @@ _UNIFORM_SHARE = 0.95
 
 _FAINT_SHARE = 0.1
 """Of the outline, how much may stay within twice the tolerance just inside it. Set on 45 objects, then measured on 80
-others, 725 pictures before white, grey and black, some with a soft shadow: refused are 182 of the 231 masks that overlap
-the true silhouette (intersection over union) by less than 0.8, and 19 of the 404 above 0.9. Bad ones that pass are
-mostly those of see-through objects."""
+others, 725 pictures before white, grey and black, some with a soft shadow: refused are 182 of the 231 masks that
+overlap the true silhouette (intersection over union) by less than 0.8, and 19 of the 404 above 0.9. Of the bad ones
+that pass, many are those of see-through objects."""
 
 _INSIDE = 1.0 / 160.0
 """Of the picture's longer side, how far inside its outline an object must differ. An unsharp edge is narrower: half of
