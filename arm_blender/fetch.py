@@ -176,9 +176,9 @@ def _receive(file: PublishedFile, arrived: _Part, progress: Progress) -> bool:
             length = response.headers.get("Content-Length", "")
             total = int(length) if length.isdigit() else None
             arrived.begin(_Known(file.url, _validator(response), total))
-        if file.size not in (None, total) and total is not None:
-            arrived.drop()
-            raise DownloadError(f"{file.url}: has {total} bytes instead of {file.size}; it is not the file we know")
+        if total is not None and file.size not in (None, total):
+            arrived.drop()  # Said before gigabytes have come.
+            raise DownloadError(f"{file.url}: has {total} bytes instead of {file.size}; nothing of it was kept")
         _check_room(arrived, total)
         message = f"downloading {file.name} ({file.about})"
         done = arrived.size
@@ -191,9 +191,10 @@ def _receive(file: PublishedFile, arrived: _Part, progress: Progress) -> bool:
                 piece = response.read1(CHUNK if total is None else min(CHUNK, total - done))
                 if not piece:
                     break
-                with _writing(arrived.path):
-                    sink.write(piece)
                 done += len(piece)
+                with _writing(arrived.path):
+                    while piece:
+                        piece = piece[sink.write(piece) :]
     return done == total if total is not None else True
 
 
@@ -233,7 +234,11 @@ def _check_room(arrived: _Part, total: int | None) -> None:
 
 
 def _verify(file: PublishedFile, arrived: _Part, progress: Progress) -> None:
-    """Raises `DownloadError`, and drops the part, where its hash is not the published one."""
+    """Raises `DownloadError`, and drops the part, where its size or its hash is not the published one."""
+    if file.size not in (None, arrived.size):
+        size = arrived.size
+        arrived.drop()
+        raise DownloadError(f"{file.url}: has {size} bytes instead of {file.size}; nothing of it was kept")
     if not file.sha256:
         return
     found, done, total = hashlib.sha256(), 0, max(arrived.size, 1)

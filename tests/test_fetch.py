@@ -63,13 +63,15 @@ def test_without_a_validator_it_starts_anew(publisher, tmp_path):
     assert publisher.asked == [None, None]
 
 
-def test_without_a_length_the_hash_tells(publisher, tmp_path):
+def test_without_a_length_the_hash_or_the_size_tells(publisher, tmp_path):
     publisher.length = False
     file = publisher.published("a.ckpt", CONTENT, sha256=SHA256)
     assert fetch(file, tmp_path / "whole").read_bytes() == CONTENT
-    publisher.breaks = [1000]
+    publisher.breaks = [1000, 1000]
     with pytest.raises(DownloadError, match="SHA-256"):
         fetch(file, tmp_path / "short")
+    with pytest.raises(DownloadError, match="1000 bytes instead of 300000"):
+        fetch(publisher.published("b.ckpt", CONTENT, size=len(CONTENT)), tmp_path / "short")
 
 
 def test_a_stop_leaves_a_part_that_the_next_call_continues(publisher, tmp_path):
