@@ -18,6 +18,7 @@ from torch import Tensor, nn
 from .config_json import config_from_dict
 from .errors import CheckpointError
 from .files import whole_file
+from .weights_registry import REGISTRY, Weights
 
 Config = TypeVar("Config")
 
@@ -29,60 +30,8 @@ FOLDER = Path(__file__).parent / "weights"
 
 SUMS = "SHA256SUMS"
 
-
-@dataclasses.dataclass(frozen=True)
-class Weights:
-    """One entry of the registry.
-
-    Attributes:
-        name: preset and model, such as "small.georm".
-        enables: what a user gets from it.
-        licence: SPDX identifier of the weights, not of the code.
-        remedy: what to do when the file is not there.
-        download: size of what a user has to bring, and whether its publisher asks for an account first; empty where
-            there is nothing to bring.
-    """
-
-    name: str
-    enables: str
-    licence: str
-    remedy: str
-    download: str = ""
-
-
-_SHIPPED = "install the project again, or train it: python -m training fit --help"
-_OWN = "this preset ships without weights: train it (python -m training fit --help), or choose --preset small"
-_BRING = "bring {}: python -m arm_blender weights import FILE --as {}"
-
-REGISTRY = (
-    Weights("small.georm", "geometry from views on a CPU", "GPL-3.0-or-later", _SHIPPED),
-    Weights("small.glossyrm", "roughness and metallic on a CPU", "GPL-3.0-or-later", _SHIPPED),
-    Weights("small.instant_albedo", "albedo without the lighting on a CPU", "GPL-3.0-or-later", _SHIPPED),
-    Weights("paper.georm", "geometry at the paper's size", "your own", _OWN),
-    Weights("paper.glossyrm", "roughness and metallic at the paper's size", "your own", _OWN),
-    Weights("paper.instant_albedo", "albedo at the paper's size", "your own", _OWN),
-    Weights(
-        "instantmesh.georm",
-        "geometry by InstantMesh's network",
-        "CC-BY-NC-4.0",
-        _BRING.format("InstantMesh's instant_nerf_large.ckpt", "georm") + ", or choose --preset small",
-        "1.5 GB, no account",
-    ),
-    Weights(
-        "paper.image_encoder",
-        "what training GeoRM at the paper's size begins with",
-        "Apache-2.0",
-        _BRING.format("DINO's ViT-B/16", "image-encoder"),
-        "343 MB, no account",
-    ),
-    Weights(
-        "paper.material_encoder",
-        "what training InstantAlbedo at the paper's size begins with",
-        "Apache-2.0",
-        _BRING.format("DINO's ViT-B/8", "material-encoder"),
-        "343 MB, no account",
-    ),
-)
+SUFFIX = ".safetensors"
+"""Of the files that this module writes; others that it records are opaque to it."""
 
 
 def save(
@@ -192,15 +141,25 @@ def restore(module: nn.Module, state: dict[str, Tensor], path: Path) -> None:
     module.load_state_dict(state)
 
 
+def registered(name: str) -> Weights:
+    """The registry's entry of that name.
+
+    Raises:
+        CheckpointError: there is none.
+    """
+    for weights in REGISTRY:
+        if weights.name == name:
+            return weights
+    raise CheckpointError(f"{name}: no such weights; `python -m arm_blender weights list` names them")
+
+
 def shipped(name: str, folder: Path = FOLDER) -> Path:
     """The file of registered weights: "small.georm" -> .../small.georm.safetensors. It need not exist.
 
     Raises:
         CheckpointError: no such name is registered.
     """
-    if name not in {weights.name for weights in REGISTRY}:
-        raise CheckpointError(f"{name}: no such weights; `python -m arm_blender weights list` names them")
-    return folder / f"{name}.safetensors"
+    return folder / registered(name).file_name
 
 
 def verify(name: str, folder: Path = FOLDER) -> str:
@@ -210,7 +169,10 @@ def verify(name: str, folder: Path = FOLDER) -> str:
         CheckpointError: the file is missing, or differs from the recorded hash.
     """
     path = shipped(name, folder)
-    read_header(path)
+    if path.suffix == SUFFIX:
+        read_header(path)
+    elif not path.is_file():
+        raise CheckpointError(f"{path}: no such weights; {_remedy(path)}")
     found, recorded = sha256(path), recorded_sums(folder).get(path.name)
     if found != recorded:
         what = "differs from" if recorded else "is not in"
@@ -230,7 +192,7 @@ def condition(name: str, folder: Path = FOLDER) -> Literal["whole", "damaged", "
 
 
 def record(folder: Path = FOLDER, only: Path | None = None) -> None:
-    """Write `SHA256SUMS` for every checkpoint in `folder`, in the format of `sha256sum --check`.
+    """Write `SHA256SUMS` for all weights in `folder`, in the format of `sha256sum --check`.
 
     Args:
         only: this file; what was recorded of the others stays, so that damage to them is still noticed.
@@ -238,7 +200,8 @@ def record(folder: Path = FOLDER, only: Path | None = None) -> None:
         OutputError: the file cannot be written.
     """
     # What is hidden is a file that is being written.
-    files = [only] if only else sorted(folder.glob("[!.]*.safetensors"))
+    known = {weights.suffix for weights in REGISTRY}
+    files = [only] if only else sorted(path for path in folder.glob("[!.]*") if path.suffix in known)
     sums = (recorded_sums(folder) if only else {}) | {path.name: sha256(path) for path in files}
     lines = [f"{digest}  {name}\n" for name, digest in sorted(sums.items())]
     with whole_file(folder / SUMS) as temporary:
@@ -261,4 +224,4 @@ def sha256(path: Path) -> str:
 
 
 def _remedy(path: Path) -> str:
-    return next((w.remedy for w in REGISTRY if f"{w.name}.safetensors" == path.name), "check the path")
+    return next((w.remedy for w in REGISTRY if w.file_name == path.name), "check the path")

@@ -24,6 +24,10 @@ class CheckpointError(ArmError):
     """Weights are missing, damaged, or made for another model."""
 
 
+class DownloadError(ArmError):
+    """A published file cannot be had, or is not what was published."""
+
+
 class EmptyMeshError(ArmError):
     """The density has no surface inside the box."""
 

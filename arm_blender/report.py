@@ -38,6 +38,7 @@ class Report:
         charts: charts of its atlas.
         texture_size: texels a side of its largest map.
         seen_share: of the covered texels, how many at least one view sees, in [0, 1].
+        masks: by which way the pictures were cut out, and the names of those.
         left_out: what was not done, and why.
     """
 
@@ -50,6 +51,7 @@ class Report:
     charts: int | None = None
     texture_size: int | None = None
     seen_share: float | None = None
+    masks: dict[str, list[str]] = field(default_factory=dict)
     left_out: list[LeftOut] = field(default_factory=list)
 
     @contextmanager
@@ -68,6 +70,10 @@ class Report:
         if note not in self.left_out:
             self.left_out.append(note)
 
+    def note_mask(self, picture: str, way: str) -> None:
+        """Notes by which way a picture was cut out."""
+        self.masks.setdefault(way, []).append(picture)
+
     def as_dict(self) -> dict[str, Any]:
         """The report as JSON types; `peak_memory_mib` is the process's highest resident size until now."""
         return {
@@ -82,6 +88,7 @@ class Report:
             "charts": self.charts,
             "texture_size": self.texture_size,
             "seen_share": None if self.seen_share is None else round(self.seen_share, 4),
+            "masks": self.masks,
             "left_out": [{"what": note.what, "why": note.why} for note in self.left_out],
         }
 

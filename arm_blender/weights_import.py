@@ -26,6 +26,23 @@ INSTANTMESH_LICENCE = "CC-BY-NC-4.0 (published as Apache-2.0, but trained from O
 MATERIALISTIC_LICENCE = "all rights reserved (published without a licence)"
 
 
+LPIPS_LICENCE = "BSD-3-Clause AND BSD-2-Clause"
+
+_VGG_LAYERS = ((0, 2), (5, 7), (10, 12, 14), (17, 19, 21), (24, 26, 28))
+"""The convolutions of VGG-16 by their places in its sequence, in LPIPS's five stages."""
+
+_SCALING = {"shift": (-0.030, -0.088, -0.188), "scale": (0.458, 0.448, 0.450)}
+"""LPIPS's normalisation of images in [-1, 1], version 0.1; the file of its heads has it not."""
+
+
+@dataclass(frozen=True)
+class LpipsConfig:
+    """Of the network that LPIPS compares features of."""
+
+    channels: tuple[int, ...] = (64, 128, 256, 512, 512)
+    """Of its five stages."""
+
+
 @dataclass(frozen=True)
 class Converted:
     """A network of ours with the weights of another project.
@@ -43,12 +60,13 @@ class Converted:
     licence: str
 
 
-def import_weights(source: Path, kind: str, output: Path | None = None) -> tuple[Path, Converted]:
+def import_weights(source: Path, kind: str, output: Path | None = None, *rest: Path) -> tuple[Path, Converted]:
     """Convert a published checkpoint into a file of ours, with its source, SHA-256 and licence in the header.
 
     Args:
         source: a PyTorch or safetensors file.
-        kind: "georm", "image-encoder" or "material-encoder".
+        kind: a key of `KINDS`.
+        rest: further files, where the weights are published in several.
         output: None puts it where the preset that uses it looks, and records its hash.
     Returns:
         the file written, and what is in it.
@@ -59,10 +77,11 @@ def import_weights(source: Path, kind: str, output: Path | None = None) -> tuple
     registered, convert = KINDS[kind]
     path = output or checkpoints.shipped(registered)
     check_output(path.parent)
-    converted = convert(read_tensors(source), str(source))
+    sources = (source, *rest)
+    converted = convert({key: t for file in sources for key, t in read_tensors(file).items()}, str(source))
     metadata = {
-        "source": source.name,
-        "source_sha256": checkpoints.sha256(source),
+        "source": " ".join(file.name for file in sources),
+        "source_sha256": " ".join(checkpoints.sha256(file) for file in sources),
         "origin": converted.origin,
         "licence": converted.licence,
     }
@@ -168,10 +187,40 @@ def material_encoder_from_dino(
     return Converted(config, own | ours, "DINO", DINO_LICENCE)
 
 
+def lpips_from_vgg(state: dict[str, Tensor], name: str, config: LpipsConfig | None = None) -> Converted:
+    """LPIPS over VGG-16 (Zhang et al. 2018) from torchvision's network and the published heads, or from the package's
+    own state dict.
+
+    Raises:
+        CheckpointError: a key is missing, unmapped, or wrongly shaped.
+    """
+    config = config or LpipsConfig()
+    own, sources, depth = {}, {}, 3
+    for stage, (layers, channels) in enumerate(zip(_VGG_LAYERS, config.channels, strict=True)):
+        for layer in layers:
+            for part, shape in (("weight", (channels, depth, 3, 3)), ("bias", (channels,))):
+                key = f"net.slice{stage + 1}.{layer}.{part}"
+                own[key] = torch.empty(shape, device="meta")
+                theirs = f"features.{layer}.{part}"
+                sources[key] = key_maps.Source((theirs if theirs in state else key,), lambda tensor: tensor)
+            depth = channels
+        key = f"lin{stage}.model.1.weight"
+        own[key] = torch.empty((1, channels, 1, 1), device="meta")
+        sources[key] = key_maps.Source((key,), lambda tensor: tensor)
+    for key, value in _SCALING.items():
+        key, scaling = f"scaling_layer.{key}", torch.tensor(value)[None, :, None, None]
+        own[key] = scaling
+        state = {key: scaling} | state
+        sources[key] = key_maps.Source((key,), lambda tensor: tensor)
+    ours = key_maps.convert(state, key_maps.KeyMap(sources, ("classifier.", "lins.")), own, name)
+    return Converted(config, ours, "LPIPS over VGG-16", LPIPS_LICENCE)
+
+
 KINDS: dict[str, tuple[str, Callable[[dict[str, Tensor], str], Converted]]] = {
     "georm": ("instantmesh.georm", georm_from_instantmesh),
     "image-encoder": ("paper.image_encoder", image_encoder_from_dino),
     "material-encoder": ("paper.material_encoder", material_encoder_from_dino),
+    "lpips": ("lpips.vgg", lpips_from_vgg),
 }
 """What can be imported: the name under which it is registered, and how."""
 

@@ -544,7 +544,7 @@ def test_the_list_of_weights_says_where_they_lie_and_whether_they_are_whole(tmp_
     said = dict(zip(lines[::2], lines[1::2], strict=True))
     for weights, (line, where) in zip(checkpoints.REGISTRY, said.items(), strict=True):
         assert weights.name in line and weights.licence in line and weights.enables in line
-        assert str(tmp_path / f"{weights.name}.safetensors") in where
+        assert str(tmp_path / weights.file_name) in where
         whole = weights.name in ("small.georm", "small.instant_albedo")
         assert ("whole" in line) == whole and (weights.remedy in where) != whole
     assert "damaged" in lines[2] and "not installed" in lines[6]
@@ -563,7 +563,7 @@ def test_doctor_sees_what_is_damaged(tmp_path, capsys, monkeypatch):
     from arm_blender import checkpoints
 
     for weights in checkpoints.REGISTRY:
-        (tmp_path / f"{weights.name}.safetensors").write_bytes(b"no weights")
+        (tmp_path / weights.file_name).write_bytes(b"no weights")
     monkeypatch.setattr(checkpoints.shipped, "__defaults__", (tmp_path,))
     assert run("doctor") == 1
     assert "small.georm.safetensors: damaged" in capsys.readouterr().out

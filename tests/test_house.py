@@ -18,17 +18,19 @@ LAYERS = [  # A module imports from its own layer and from earlier ones.
         "version",
         "files",
         "config_json",
+        "fetch",
+        "weights_registry",
         "progress",
         "threads",
         "structures",
         "graphics",
     },  # structures holds cameras, and graphics fills structures.
     {"models", "uv", "views", "checkpoints"},
-    {"config", "report", "export", "weights_import"},
+    {"config", "report", "export", "weights_import", "weights_install"},
     {"pipeline"},
     {"blender", "commands", "__main__", "__init__"},
 ]
-OPTIONAL = {"diffusers", "transformers", "ray", "webdataset", "psutil", "resource"}
+OPTIONAL = {"diffusers", "transformers", "ray", "webdataset", "psutil", "resource", "onnxruntime", "rembg"}
 """Extras that a user may install; imported inside functions only."""
 
 

@@ -1,7 +1,8 @@
 """LPIPS, the learned perceptual distance (Zhang et al. 2018, arXiv 1801.03924), for who has its weights.
 
 The weights are the state dict of the public package's `LPIPS(net="vgg")`, or of `LPIPS(net="alex")`, as a safetensors
-file: a network's convolutions and five heads. None ship with this project. The paper trains with VGG and reports Alex.
+file: a network's convolutions and five heads. None ship with this project; `python -m arm_blender weights download
+lpips.vgg` gets those of VGG. The paper trains with VGG and reports Alex.
 """
 
 from dataclasses import dataclass
@@ -64,7 +65,8 @@ class Lpips:
             return cls(load_file(path))
         except (OSError, SafetensorError, KeyError) as error:
             raise CheckpointError(
-                f"{path}: no LPIPS weights ({error}); save the state dict of lpips.LPIPS(net='vgg') as safetensors"
+                f"{path}: no LPIPS weights ({error}); get them by `python -m arm_blender weights download lpips.vgg`, "
+                "or save the state dict of lpips.LPIPS(net='vgg') as safetensors"
             ) from error
 
     def __call__(self, x: Tensor, y: Tensor) -> Tensor:

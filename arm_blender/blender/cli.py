@@ -1,8 +1,15 @@
 """`blender --command arm ...`: the words of `python -m arm_blender`, inside Blender."""
 
+import sys
+
 import bpy
 
 COMMAND = "arm"
+
+OFFLINE = (
+    "Blender is not allowed to go online; start it with --online-mode or allow it in the preferences under System, "
+    "or bring the file and use: weights import FILE"
+)
 
 _handle: object | None = None
 
@@ -11,6 +18,10 @@ def run(argv: list[str]) -> int:
     """Answer the command; the result is the exit status of Blender."""
     from ..__main__ import main
 
+    words = [word for word in argv if not word.startswith("-")]
+    if words[:2] == ["weights", "download"] and not bpy.app.online_access:
+        print(f"arm: {OFFLINE}", file=sys.stderr)
+        return 1
     return main(argv)
 
 

@@ -60,5 +60,10 @@ def generate(request: GenerationRequest, progress: Progress) -> tuple[Relightabl
     )
     report = Report(settings.preset, settings.device, settings.seed)
     with report.stage("load"):
-        views = load_views(request.views, progress=part(progress, 0.0, LOADING_SHARE), left_out=report.leave_out)
+        views = load_views(
+            request.views,
+            progress=part(progress, 0.0, LOADING_SHARE),
+            left_out=report.leave_out,
+            heard=report.note_mask,
+        )
     return pipeline.generate(views, settings, part(progress, LOADING_SHARE, 1.0), report)

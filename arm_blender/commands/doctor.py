@@ -22,6 +22,7 @@ _OPTIONAL = {
     "bpy": ("bpy", "only for .blend files and relighting"),
     "diffusers": ("diffusers", "only for --multiview zero123plus"),
     "transformers": ("transformers", "only for --multiview zero123plus"),
+    "onnxruntime": ("onnxruntime", "only for a matting model"),
 }
 """What a run does without, and what it then cannot do."""
 
@@ -79,7 +80,7 @@ def _print_torch_and_weights() -> int:
     for weights in checkpoints.REGISTRY:
         path = checkpoints.shipped(weights.name)
         state = "installed" if path.is_file() else f"missing; {weights.remedy}"
-        if path.is_file():
+        if path.is_file() and path.suffix == checkpoints.SUFFIX:
             try:
                 checkpoints.read_header(path)
             except CheckpointError as error:

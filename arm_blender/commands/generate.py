@@ -129,7 +129,7 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
     settings, options = settings_of(args), view_options_of(args)
     with report.stage("views"):
         loaded = 0.05 if args.multiview == "none" else 0.5
-        views = load_views(args.views, options, part(progress, 0.0, loaded), report.leave_out)
+        views = load_views(args.views, options, part(progress, 0.0, loaded), report.leave_out, report.note_mask)
     if name is not None:
         views = replace(views, name=name)
     if len(os.fsencode(views.name)) > LONGEST_NAME:

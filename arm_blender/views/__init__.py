@@ -10,6 +10,7 @@ from ..errors import ArmError, InputImageError
 from ..progress import Progress, silent
 from ..structures import ViewSet
 from . import preprocess
+from .foreground import Heard, unheard
 from .image_io import pictures_in
 from .multiview import PROVIDERS, Folder, PictureAlone, View, posed_views
 from .rigs import ZERO123PLUS
@@ -65,6 +66,7 @@ def load_views(
     options: ViewOptions | None = None,
     progress: Progress = silent,
     left_out: LeaveOut | None = None,
+    heard: Heard = unheard,
 ) -> ViewSet:
     """Reads the views of one object.
 
@@ -73,6 +75,7 @@ def load_views(
         options: for what the files do not say.
         progress: is told each picture.
         left_out: is told what is not used, and why: views that see nothing, pixels beyond `preprocess.MAXIMUM_SIDE`.
+        heard: is told how each picture was cut out.
     Returns:
         The views that see something, in the cameras' own frame.
     Raises:
@@ -81,7 +84,7 @@ def load_views(
     """
     options = options or ViewOptions()
     try:
-        views = _read(path, options, progress, left_out or _unheard)
+        views = _read(path, options, progress, left_out or _untold, heard)
     except OSError as error:
         raise InputImageError(f"{path}: cannot be read ({error.strerror}); check the path and its rights") from error
     preprocess.same_size([view.image for view in views], [view.path for view in views])
@@ -108,28 +111,29 @@ def load_views(
     )
 
 
-def _unheard(what: str, why: str) -> None:
+def _untold(what: str, why: str) -> None:
     """The `LeaveOut` that tells nobody."""
 
 
-def _read(path: Path, options: ViewOptions, progress: Progress, left_out: LeaveOut) -> list[View]:
+def _read(path: Path, options: ViewOptions, progress: Progress, left_out: LeaveOut, heard: Heard) -> list[View]:
     """The views at `path`, by what is there."""
     if path.is_dir() and (path / TRANSFORMS).is_file():
-        return _read(path / TRANSFORMS, options, progress, left_out)
+        return _read(path / TRANSFORMS, options, progress, left_out, heard)
     pictures = pictures_in(path) if path.is_dir() else []
     if len(pictures) == 1:
-        return _read(pictures[0], options, progress, left_out)
+        return _read(pictures[0], options, progress, left_out, heard)
     if options.multiview != "none" and (path.is_dir() or path.suffix.lower() == ".json"):
         left_out(f"--multiview {options.multiview}", "it makes views of a single picture; here they are given")
     if path.is_dir():
-        return Folder(options.rig_distance, options.fovy_deg).views(path, progress)
+        return Folder(options.rig_distance, options.fovy_deg, heard).views(path, progress)
     if not path.exists():
         raise InputImageError(f"{path}: no such file or folder; give an image, or a folder of views")
     if path.suffix.lower() == ".json":
-        return posed_views(path, progress)
+        return posed_views(path, progress, heard)
     if options.multiview == "zero123plus":
-        return Zero123Plus(options.zero123plus, options.rig_distance, options.fovy_deg).views(path, progress)
-    return PictureAlone(options.elevation_deg, options.fovy_deg).views(path, progress)
+        provider = Zero123Plus(options.zero123plus, options.rig_distance, options.fovy_deg, heard)
+        return provider.views(path, progress)
+    return PictureAlone(options.elevation_deg, options.fovy_deg, heard).views(path, progress)
 
 
 def _weighted(views: list[View], weights: tuple[float, ...], path: Path) -> list[View]:

@@ -10,6 +10,7 @@ from ..errors import InputImageError
 from ..graphics.cameras import Camera
 from ..progress import Progress
 from . import preprocess
+from .foreground import Heard, foreground, unheard
 from .image_io import pictures_in, read_image
 from .rigs import AZIMUTHS_DEG, front_camera, zero123plus_rig
 from .transforms_json import read_transforms
@@ -49,22 +50,24 @@ class MultiviewProvider(Protocol):
 class PictureAlone:
     """`none`: the one picture, seen from the front."""
 
-    def __init__(self, elevation_deg: float | None, fovy_deg: float | None) -> None:
+    def __init__(self, elevation_deg: float | None, fovy_deg: float | None, heard: Heard = unheard) -> None:
         self.elevation_deg = 10.0 if elevation_deg is None else elevation_deg
         self.fovy_deg = 30.0 if fovy_deg is None else fovy_deg
+        self.heard = heard
 
     def views(self, path: Path, progress: Progress) -> list[View]:
         progress(0.0, f"reading {path.name}")
-        image, longest = preprocess.crop_single(preprocess.foreground(read_image(path), path), path)
+        image, longest = preprocess.crop_single(foreground(read_image(path), path, self.heard), path)
         return [View(path, image, front_camera(longest, image.shape[1], self.elevation_deg, self.fovy_deg))]
 
 
 class Folder:
     """`folder`: six square pictures, by name in the order of the Zero123++ v1.2 rig."""
 
-    def __init__(self, distance: float, fovy_deg: float | None) -> None:
+    def __init__(self, distance: float, fovy_deg: float | None, heard: Heard = unheard) -> None:
         self.distance = distance
         self.fovy_deg = 30.0 if fovy_deg is None else fovy_deg
+        self.heard = heard
 
     def views(self, path: Path, progress: Progress) -> list[View]:
         pictures = pictures_in(path)
@@ -76,7 +79,7 @@ class Folder:
         images = []
         for index, picture in enumerate(pictures):
             progress(index / len(pictures), f"reading {picture.name}")
-            images.append(preprocess.limit_size(preprocess.foreground(read_image(picture), picture), picture))
+            images.append(preprocess.limit_size(foreground(read_image(picture), picture, self.heard), picture))
         height, width = images[0].shape[1:]
         if height != width:
             raise InputImageError(f"{pictures[0]}: {width}x{height} pixels; the rig's views are square, crop them so")
@@ -84,8 +87,8 @@ class Folder:
         return [View(*view) for view in zip(pictures, images, cameras, strict=True)]
 
 
-def posed_views(transforms: Path, progress: Progress) -> list[View]:
-    """The views of a transforms.json.
+def posed_views(transforms: Path, progress: Progress, heard: Heard = unheard) -> list[View]:
+    """The views of a transforms.json; `heard` is told how each was cut out.
 
     Raises:
         InputImageError, CameraError: the files do not do; the line names the file and the remedy.
@@ -94,7 +97,7 @@ def posed_views(transforms: Path, progress: Progress) -> list[View]:
     frames = read_transforms(transforms)
     for index, frame in enumerate(frames):
         progress(index / len(frames), f"reading {frame.image.name}")
-        image = preprocess.foreground(read_image(frame.image), frame.image)
+        image = foreground(read_image(frame.image), frame.image, heard)
         camera = frame.camera(image.shape[2], image.shape[1])
         image = preprocess.limit_size(image, frame.image)
         views.append(View(frame.image, image, camera.resized(image.shape[2], image.shape[1]), frame.weight))

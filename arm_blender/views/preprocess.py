@@ -1,4 +1,4 @@
-"""From pictures to views: the foreground where there is no alpha, the crop of a single picture, sizes, empty views."""
+"""From pictures to views: the crop of a single picture, sizes, empty views."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from ..errors import InputImageError
-from ..graphics.color import srgb_from_linear
+from .masks import sees_something
 
 FOREGROUND_RATIO = 0.85
 """Of the square crop of a single picture, how much its object's longer side takes: as Zero123++ was trained."""
@@ -16,37 +16,6 @@ MAXIMUM_SIDE = 2048
 
 MINIMUM_SIDE = 16
 """Pixels a side below which a view says nothing."""
-
-_BACKGROUND_TOLERANCE = 14.0 / 255.0
-"""sRGB distance per channel; above the ringing of a JPEG's border, below the shading of an object."""
-
-_UNIFORM_SHARE = 0.95
-"""Of the border's pixels, how many must have its median colour before it passes for a plain background."""
-
-_MINIMUM_SHARE = 2e-4
-"""Of all pixels, how many must be foreground: three pixels of a view of 128 x 128, not a speck of dust."""
-
-
-def foreground(image: Tensor, path: Path) -> Tensor:
-    """`image` (4, H, W) with an alpha that cuts the object out, linear Rec.709.
-
-    A picture with alpha keeps it. An opaque one loses what is connected to its border, if that has one colour; a hole
-    in the object that shows the background stays, and of an evenly coloured picture nothing does.
-
-    Raises:
-        InputImageError: opaque, and the border is not of one colour.
-    """
-    if bool((image[3] < 0.5).any()):
-        return image
-    background = _plain_background(image)
-    if background is None:
-        raise InputImageError(f"{path}: no foreground found; supply an image with alpha, or one on a plain background")
-    return torch.cat([image[:3], (image[3] * ~background)[None]])
-
-
-def sees_something(alpha: Tensor) -> bool:
-    """Whether enough of `alpha` (H, W) is opaque for an object to be there."""
-    return int((alpha > 0.5).sum()) >= max(3, _MINIMUM_SHARE * alpha.numel())
 
 
 def limit_size(image: Tensor, path: Path) -> Tensor:
@@ -113,37 +82,6 @@ def seeing_views(images: list[Tensor], paths: list[Path]) -> list[int]:
     if not seeing:
         raise InputImageError(f"{paths[0]}: the mask is empty in every view; supply images whose alpha shows it")
     return seeing
-
-
-def _plain_background(image: Tensor) -> Tensor | None:
-    """(H, W) bool: connected to the border and of its colour; None where the border has no one colour."""
-    srgb = srgb_from_linear(image[:3])
-    border = torch.cat([srgb[:, 0], srgb[:, -1], srgb[:, :, 0], srgb[:, :, -1]], dim=1)
-    median = border.median(dim=1).values
-    alike = (border - median[:, None]).abs().amax(dim=0) <= _BACKGROUND_TOLERANCE
-    if float(alike.float().mean()) < _UNIFORM_SHARE:
-        return None
-    passable = (srgb - median[:, None, None]).abs().amax(dim=0) <= _BACKGROUND_TOLERANCE
-    reached = torch.zeros_like(passable)
-    reached[[0, -1]] = passable[[0, -1]]
-    reached[:, [0, -1]] = passable[:, [0, -1]]
-    while True:
-        before = int(reached.sum())
-        reached = _flooded_rows(reached, passable)
-        reached = _flooded_rows(reached.T, passable.T).T
-        if int(reached.sum()) == before:
-            return reached
-
-
-def _flooded_rows(reached: Tensor, passable: Tensor) -> Tensor:
-    """`reached` (H, W), spread over each run of passable pixels of a row that it touches."""
-    # A run's number is the count of its row's starts so far; numbering all rows in one go makes runs distinct.
-    starts = passable.clone()
-    starts[:, 1:] &= ~passable[:, :-1]
-    run = starts.flatten().cumsum(0)
-    touched = torch.zeros(int(run[-1]) + 1, dtype=torch.bool, device=run.device)
-    touched[run[reached.flatten()]] = True
-    return touched[run].view_as(passable) & passable
 
 
 def _resized(image: Tensor, height: int, width: int) -> Tensor:

@@ -147,7 +147,7 @@ def test_a_request_becomes_settings_and_one_rising_progress(monkeypatch, tmp_pat
 
     seen = {}
 
-    def load_views(path, options=None, progress=None, left_out=None):
+    def load_views(path, options=None, progress=None, left_out=None, heard=None):
         progress(1.0, "loaded")
         left_out("view 3", "sees nothing")
         return path

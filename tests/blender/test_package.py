@@ -6,12 +6,14 @@ import sys
 import tomllib
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 import arm_blender
 
 bpy = pytest.importorskip("bpy")
+from arm_blender.blender import cli  # noqa: E402
 
 pytestmark = pytest.mark.blender
 
@@ -48,6 +50,16 @@ def test_the_zip_holds_the_package_and_nothing_else(package):
     weights = (ROOT / "arm_blender" / "weights").glob("small.*.safetensors")
     shipped = {f"arm_blender/weights/{path.name}" for path in weights}
     assert shipped <= set(names) and not [n for n in names if "weights/instantmesh" in n]
+
+
+def test_the_command_downloads_only_where_blender_may_go_online(monkeypatch, capsys):
+    asked = []
+    monkeypatch.setattr("arm_blender.__main__.main", lambda argv: asked.append(argv) or 0)
+    for online in (True, False):
+        monkeypatch.setattr(cli, "bpy", SimpleNamespace(app=SimpleNamespace(online_access=online)))
+        assert cli.run(["weights", "--debug", "download", "matting"]) == (0 if online else 1)
+        assert cli.run(["weights", "list"]) == 0
+    assert len(asked) == 3 and "--online-mode" in capsys.readouterr().err
 
 
 def test_the_zip_installs_and_every_module_finds_the_others(package, tmp_path):

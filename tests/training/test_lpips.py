@@ -1,11 +1,14 @@
 """LPIPS gives the public package's numbers, is zero for equal images, and keeps gradients finite."""
 
+import functools
 from pathlib import Path
 
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
+from arm_blender import weights_import
+from arm_blender.__main__ import main
 from arm_blender.errors import CheckpointError
 from training.lpips import Lpips
 
@@ -51,3 +54,37 @@ def test_other_files_are_refused(tmp_path):
         Lpips.from_file(path)
     save_file(WEIGHTS, path)
     assert len(Lpips.from_file(path).heads) == 5
+
+
+@pytest.fixture
+def narrow(monkeypatch):
+    """Imports networks of the fixture's width."""
+    config = weights_import.LpipsConfig((8, 12, 16, 20, 20))
+    convert = functools.partial(weights_import.lpips_from_vgg, config=config)
+    monkeypatch.setitem(weights_import.KINDS, "lpips", ("lpips.vgg", convert))
+
+
+def test_the_packages_own_weights_give_its_distance(pair, narrow, tmp_path, weights_folder):
+    torch.save(WEIGHTS, tmp_path / "lpips.pth")
+    assert main(["weights", "import", str(tmp_path / "lpips.pth"), "--as", "lpips"]) == 0
+    distance = Lpips.from_file(weights_folder / "lpips.vgg.safetensors")
+    assert distance(*pair).item() == pytest.approx(FIXTURE["output/distance"].item(), rel=1e-5)
+
+
+def test_the_two_published_files_are_joined(pair, narrow, tmp_path, weights_folder):
+    """torchvision's network and the heads; the normalisation is in neither."""
+    trunk = {f"features.{key.partition('.slice')[2][2:]}": t for key, t in WEIGHTS.items() if "slice" in key}
+    torch.save(trunk | {"classifier.0.bias": torch.zeros(4)}, tmp_path / "vgg16-397923af.pth")
+    assert main(["weights", "import", str(tmp_path)]) == 1  # One of the two is not enough.
+    torch.save({key: t for key, t in WEIGHTS.items() if key.startswith("lin")}, tmp_path / "vgg.pth")
+    assert main(["weights", "import", str(tmp_path)]) == 0
+    distance = Lpips.from_file(weights_folder / "lpips.vgg.safetensors")
+    shift, scale = torch.tensor([[-0.030, -0.088, -0.188], [0.458, 0.448, 0.450]])[:, None, :, None, None]
+    expected = Lpips(WEIGHTS | {"scaling_layer.shift": shift, "scaling_layer.scale": scale})
+    assert distance(*pair).item() == pytest.approx(expected(*pair).item(), rel=1e-6)
+
+
+def test_half_of_lpips_is_refused_by_name(narrow, tmp_path, weights_folder):
+    torch.save({key: t for key, t in WEIGHTS.items() if key != "net.slice1.0.bias"}, tmp_path / "half.pth")
+    with pytest.raises(CheckpointError, match=r"half.pth: net\.slice1\.0\.bias is missing"):
+        weights_import.import_weights(tmp_path / "half.pth", "lpips")

@@ -1,4 +1,4 @@
-"""Foregrounds, crops and views that see nothing."""
+"""Crops, sizes, and views that see nothing."""
 
 from pathlib import Path
 
@@ -6,7 +6,6 @@ import pytest
 import torch
 
 from arm_blender.errors import InputImageError
-from arm_blender.graphics.color import linear_from_srgb
 from arm_blender.views import preprocess
 
 PATH = Path("mug.png")
@@ -15,50 +14,6 @@ PATH = Path("mug.png")
 def disc(size: int, radius: float, row: float, column: float) -> torch.Tensor:
     rows, columns = torch.meshgrid(torch.arange(size) + 0.5, torch.arange(size) + 0.5, indexing="ij")
     return (rows - row) ** 2 + (columns - column) ** 2 < radius**2
-
-
-def opaque(mask: torch.Tensor, background: float = 1.0, noise: float = 0.0) -> torch.Tensor:
-    """An orange object on a plain ground, as a photograph would have it: without alpha, with a little noise."""
-    srgb = torch.where(mask, torch.tensor([0.9, 0.5, 0.1])[:, None, None], torch.tensor(background))
-    srgb = srgb + noise * (torch.rand(srgb.shape, generator=torch.Generator().manual_seed(0)) - 0.5)
-    return torch.cat([linear_from_srgb(srgb), torch.ones(1, *mask.shape)])
-
-
-@pytest.mark.parametrize("background", [1.0, 0.5, 0.0])
-def test_a_plain_background_is_cut_away(background):
-    mask = disc(96, 30.0, 40.0, 50.0)
-    image = preprocess.foreground(opaque(mask, background, noise=0.03), PATH)
-    assert torch.equal(image[3] > 0.5, mask)
-
-
-def test_a_spiral_of_background_is_cut_to_its_end():
-    """The flood has to turn many corners: each ring is open on the side opposite to that of the ring around it."""
-    mask = torch.zeros(64, 64, dtype=torch.bool)
-    for ring in range(4, 28, 4):
-        mask[ring, ring:-ring] = mask[-ring - 1, ring:-ring] = True
-        mask[ring:-ring, ring] = mask[ring:-ring, -ring - 1] = True
-        mask[31:33, ring if ring % 8 else -ring - 1] = False
-    image = preprocess.foreground(opaque(mask), PATH)
-    assert torch.equal(image[3] > 0.5, mask)
-
-
-def test_the_backgrounds_colour_inside_the_object_stays():
-    mask = disc(64, 25.0, 32.0, 32.0)
-    eye = disc(64, 5.0, 32.0, 32.0)
-    image = preprocess.foreground(opaque(mask & ~eye), PATH)
-    assert torch.equal(image[3] > 0.5, mask)
-
-
-def test_alpha_that_is_there_is_kept():
-    image = opaque(disc(64, 20.0, 32.0, 32.0))
-    image[3] = 0.25 + 0.75 * disc(64, 10.0, 20.0, 20.0)
-    assert preprocess.foreground(image, PATH) is image
-
-
-def test_a_busy_background_is_no_background():
-    image = torch.cat([torch.rand(3, 64, 64, generator=torch.Generator().manual_seed(0)), torch.ones(1, 64, 64)])
-    with pytest.raises(InputImageError, match="mug.png: no foreground found"):
-        preprocess.foreground(image, PATH)
 
 
 @pytest.mark.parametrize("center", [(40.0, 50.0), (5.0, 90.0)])
@@ -80,13 +35,6 @@ def test_the_crop_centres_the_object_at_its_ratio(center):
 def test_an_empty_picture_cannot_be_cropped():
     with pytest.raises(InputImageError, match="mug.png: the mask is empty"):
         preprocess.crop_single(torch.zeros(4, 64, 64), PATH)
-
-
-def test_a_speck_of_dust_is_no_object():
-    alpha = torch.zeros(640, 640)
-    alpha[3, 3:5] = 1.0
-    assert not preprocess.sees_something(alpha)
-    assert preprocess.sees_something(disc(640, 20.0, 320.0, 320.0).float())
 
 
 def test_views_that_see_nothing_do_not_take_part():

@@ -5,6 +5,7 @@ from pathlib import Path
 from ...progress import Progress, part
 from ...threads import cpu_threads
 from .. import preprocess
+from ..foreground import Heard, foreground, unheard
 from ..image_io import read_image
 from ..multiview import View, posed_views
 from ..rigs import AZIMUTHS_DEG, zero123plus_rig
@@ -18,10 +19,13 @@ from .view_noise import ViewNoise
 class Zero123Plus:
     """Views by the diffusion model Zero123++. Its networks are in memory while it draws, and no longer."""
 
-    def __init__(self, config: Zero123PlusConfig, distance: float, fovy_deg: float | None) -> None:
+    def __init__(
+        self, config: Zero123PlusConfig, distance: float, fovy_deg: float | None, heard: Heard = unheard
+    ) -> None:
         self.config = config
         self.distance = distance
         self.fovy_deg = 30.0 if fovy_deg is None else fovy_deg
+        self.heard = heard
 
     def views(self, path: Path, progress: Progress) -> list[View]:
         """The six views of the picture at `path`, as `config.folder` holds them afterwards.
@@ -38,7 +42,7 @@ class Zero123Plus:
         check_model(config.model)
         seeds = self._seeds()
         progress(0.0, f"reading {path.name}")
-        picture, _ = preprocess.crop_single(preprocess.foreground(read_image(path), path), path)
+        picture, _ = preprocess.crop_single(foreground(read_image(path), path, self.heard), path)
         progress(0.0, "Zero123++: reading the weights")
         networks = load_networks(config.model, config.device)
         with cpu_threads(config.threads):
@@ -49,7 +53,7 @@ class Zero123Plus:
         origin = {"steps": config.steps, "guidance": config.guidance, "background": config.background}
         progress(0.95, f"writing {config.folder.name}")
         write_views(config.folder, {index: images[index] for index in wanted}, cameras, seeds, **origin)
-        return posed_views(config.folder / TRANSFORMS, part(progress, 0.95, 1.0))
+        return posed_views(config.folder / TRANSFORMS, part(progress, 0.95, 1.0), self.heard)
 
     def _seeds(self) -> tuple[int, ...]:
         """The seed of each view: the run's own, or for those that are kept the one that they were drawn with."""

@@ -13,7 +13,7 @@ from ...errors import InputImageError, OutputError
 from ...files import staging, write_json
 from ...graphics.cameras import Camera
 from ...graphics.color import linear_from_srgb
-from .. import preprocess
+from ..foreground import foreground
 from ..image_io import write_png
 from ..transforms_json import TRANSFORMS, write_transforms
 
@@ -81,7 +81,7 @@ def cut_out(image: Tensor, path: Path) -> Tensor:
     """(4, S, S) linear Rec.709 and straight alpha of a view (3, S, S) in sRGB; opaque where that cannot be seen."""
     opaque = torch.cat([linear_from_srgb(image), torch.ones_like(image[:1])])
     try:
-        return preprocess.foreground(opaque, path)
+        return foreground(opaque, path)
     except InputImageError:  # Read back it is refused by its name: by then the user can look at it.
         return opaque
 

@@ -1,0 +1,58 @@
+"""What of a picture is the object: its alpha, or where it has none, the first of several ways that is sure of it."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from ..errors import InputImageError
+from .masks import Unsure, sees_something
+from .matting import matted_by_model, matted_by_rembg
+from .plain_background import plain_foreground
+
+Heard = Callable[[str, str], None]
+"""Is told of each picture, by its name, which way its mask was found; `Report.note_mask` is one."""
+
+WAYS: dict[str, Callable[[Tensor], Tensor]] = {
+    "matting model": matted_by_model,
+    "rembg": matted_by_rembg,
+    "plain background": plain_foreground,
+}
+"""How the mask (H, W) of a picture (4, H, W) without alpha is found, in this order."""
+
+
+def unheard(picture: str, way: str) -> None:
+    """The `Heard` that tells nobody."""
+
+
+def foreground(image: Tensor, path: Path, heard: Heard = unheard) -> Tensor:
+    """`image` (4, H, W) with an alpha that cuts the object out, linear Rec.709.
+
+    A picture with alpha keeps it; an opaque one gets that of the first way that is sure.
+
+    Args:
+        path: of the picture, for messages.
+        heard: is told which way it was: "alpha", or one of `WAYS`.
+    Raises:
+        InputImageError: opaque, and no way is sure.
+        CheckpointError: a matting model is there, but damaged.
+    """
+    if bool((image[3] < 0.5).any()):
+        heard(path.name, "alpha")
+        return image
+    doubts = []
+    for way, find in WAYS.items():
+        try:
+            alpha = find(image)
+        except Unsure as doubt:
+            doubts.append(str(doubt))
+            continue
+        if sees_something(alpha) and not bool((alpha > 0.5).all()):
+            heard(path.name, way)
+            return torch.cat([image[:3], alpha[None].to(image)])
+        doubts.append(f"by {way} all or nothing is the object")
+    raise InputImageError(
+        f"{path}: no foreground found ({'; '.join(doubts)}); supply an image with alpha, or one on a plain background, "
+        "or get a matting model: python -m arm_blender weights download matting"
+    )

@@ -1,0 +1,58 @@
+"""Regions of a picture: what a flood reaches, and which parts are too small to be meant."""
+
+import torch
+from torch import Tensor
+
+_MINIMUM_SHARE = 2e-4
+"""Of all pixels, how many must be foreground: three pixels of a view of 128 x 128, not a speck of dust."""
+
+_SPECK_SHARE = 0.01
+"""Of the largest part's pixels; what is smaller and touches nothing is noise, and would move the crop."""
+
+
+class Unsure(Exception):
+    """A way to find the object does not trust its own result; the message says why, for a longer one."""
+
+
+def sees_something(alpha: Tensor) -> bool:
+    """Whether enough of `alpha` (H, W) is opaque for an object to be there."""
+    return int((alpha > 0.5).sum()) >= max(3, _MINIMUM_SHARE * alpha.numel())
+
+
+def flooded(seeds: Tensor, passable: Tensor) -> Tensor:
+    """The pixels (H, W) of `passable` that a path of passable pixels, edge to edge, connects to one of `seeds`."""
+    part = parts(passable)
+    reached = torch.zeros(int(part.max()) + 1, dtype=torch.bool, device=part.device)
+    reached[part[seeds & passable]] = True
+    return reached[part] & passable
+
+
+def without_specks(mask: Tensor) -> Tensor:
+    """`mask` (H, W) bool without the parts that are tiny beside its largest one."""
+    part = parts(mask)
+    areas = torch.bincount(part.flatten())
+    areas[0] = 0
+    return mask & (areas >= _SPECK_SHARE * areas.max())[part]
+
+
+def parts(mask: Tensor) -> Tensor:
+    """(H, W) int: the number of the part that each pixel of `mask` (H, W) bool belongs to, edge to edge; 0 for none.
+
+    Runs of pixels in a row are joined where they touch those of the next row: there are far fewer runs than pixels.
+    """
+    starts = mask.clone()
+    starts[:, 1:] &= ~mask[:, :-1]
+    run = starts.flatten().cumsum(0, dtype=torch.int32).view_as(mask)
+    touching = mask[1:] & mask[:-1]
+    pairs = torch.stack([run[:-1][touching], run[1:][touching]])
+    # Two runs touch along many pixels, one after the other.
+    fresh = torch.ones(pairs.shape[1], dtype=torch.bool, device=mask.device)
+    fresh[1:] = (pairs[:, 1:] != pairs[:, :-1]).any(dim=0)
+    above, below = pairs[:, fresh].long()
+    number = torch.arange(int(run[-1, -1]) + 1, device=mask.device)
+    while not torch.equal(number[above], number[below]):
+        lower = torch.minimum(number[above], number[below])
+        for side in (above, below):
+            number = number.scatter_reduce(0, number[side], lower, "amin")
+        number = number[number]
+    return number[run] * mask
