@@ -27,6 +27,10 @@ _MINIMUM_SHARE = 2e-4
 """Of all pixels, how many must be foreground: three pixels of a view of 128 x 128, not a speck of dust."""
 
 
+_ROWS_AT_ONCE = 256
+"""Bounds the memory of looking for the background."""
+
+
 def foreground(image: Tensor, path: Path) -> Tensor:
     """`image` (4, H, W) with an alpha that cuts the object out, linear Rec.709.
 
@@ -34,14 +38,21 @@ def foreground(image: Tensor, path: Path) -> Tensor:
     in the object that shows the background stays, and of an evenly coloured picture nothing does.
 
     Raises:
-        InputImageError: opaque, and the border is not of one colour.
+        InputImageError: opaque, and the border is not of one colour; or smaller than `MINIMUM_SIDE`.
     """
+    _check_size(image, path)
     if bool((image[3] < 0.5).any()):
         return image
     background = _plain_background(image)
     if background is None:
         raise InputImageError(f"{path}: no foreground found; supply an image with alpha, or one on a plain background")
     return torch.cat([image[:3], (image[3] * ~background)[None]])
+
+
+def _check_size(image: Tensor, path: Path) -> None:
+    height, width = image.shape[1:]
+    if min(height, width) < MINIMUM_SIDE:
+        raise InputImageError(f"{path}: {width}x{height} pixels; give at least {MINIMUM_SIDE} a side")
 
 
 def sees_something(alpha: Tensor) -> bool:
@@ -55,9 +66,8 @@ def limit_size(image: Tensor, path: Path) -> Tensor:
     Raises:
         InputImageError: smaller than `MINIMUM_SIDE`.
     """
+    _check_size(image, path)
     height, width = image.shape[1:]
-    if min(height, width) < MINIMUM_SIDE:
-        raise InputImageError(f"{path}: {width}x{height} pixels; give at least {MINIMUM_SIDE} a side")
     if max(height, width) <= MAXIMUM_SIDE:
         return image
     scale = MAXIMUM_SIDE / max(height, width)
@@ -117,13 +127,15 @@ def seeing_views(images: list[Tensor], paths: list[Path]) -> list[int]:
 
 def _plain_background(image: Tensor) -> Tensor | None:
     """(H, W) bool: connected to the border and of its colour; None where the border has no one colour."""
-    srgb = srgb_from_linear(image[:3])
-    border = torch.cat([srgb[:, 0], srgb[:, -1], srgb[:, :, 0], srgb[:, :, -1]], dim=1)
+    border = srgb_from_linear(torch.cat([image[:3, 0], image[:3, -1], image[:3, :, 0], image[:3, :, -1]], dim=1))
     median = border.median(dim=1).values
     alike = (border - median[:, None]).abs().amax(dim=0) <= _BACKGROUND_TOLERANCE
     if float(alike.float().mean()) < _UNIFORM_SHARE:
         return None
-    passable = (srgb - median[:, None, None]).abs().amax(dim=0) <= _BACKGROUND_TOLERANCE
+    bands = (srgb_from_linear(band) for band in image[:3].split(_ROWS_AT_ONCE, dim=1))
+    passable = torch.cat([
+        (band - median[:, None, None]).abs().amax(dim=0) <= _BACKGROUND_TOLERANCE for band in bands
+    ])  # fmt: skip
     reached = torch.zeros_like(passable)
     reached[[0, -1]] = passable[[0, -1]]
     reached[:, [0, -1]] = passable[:, [0, -1]]
@@ -137,6 +149,12 @@ def _plain_background(image: Tensor) -> Tensor | None:
 
 def _flooded_rows(reached: Tensor, passable: Tensor) -> Tensor:
     """`reached` (H, W), spread over each run of passable pixels of a row that it touches."""
+    bands = zip(reached.split(_ROWS_AT_ONCE), passable.split(_ROWS_AT_ONCE), strict=True)
+    return torch.cat([_flooded_band(*band) for band in bands])
+
+
+def _flooded_band(reached: Tensor, passable: Tensor) -> Tensor:
+    """As `_flooded_rows`, of few rows."""
     # A run's number is the count of its row's starts so far; numbering all rows in one go makes runs distinct.
     starts = passable.clone()
     starts[:, 1:] &= ~passable[:, :-1]
@@ -148,6 +166,11 @@ def _flooded_rows(reached: Tensor, passable: Tensor) -> Tensor:
 
 def _resized(image: Tensor, height: int, width: int) -> Tensor:
     """`image` (4, H, W) averaged down to another size; premultiplied on the way, so that no background leaks in."""
-    premultiplied = torch.cat([image[:3] * image[3:], image[3:]])[None]
-    small = torch.nn.functional.interpolate(premultiplied, size=(height, width), mode="area")[0]
-    return torch.cat([small[:3] / small[3:].clamp(min=1e-6), small[3:]]).clamp(0.0, 1.0)
+
+    def averaged(channel: Tensor) -> Tensor:
+        return torch.nn.functional.interpolate(channel[None, None], size=(height, width), mode="area")[0]
+
+    alpha = averaged(image[3])
+    # One channel after the other: all of them premultiplied would be a second picture.
+    color = torch.cat([averaged(channel * image[3]) for channel in image[:3]])
+    return torch.cat([color / alpha.clamp(min=1e-6), alpha]).clamp(0.0, 1.0)
