@@ -33,6 +33,9 @@ class IsosurfaceConfig:
     block: int = 4
     """Cells along a side of a block. Parts that are smaller than a block and leave no trace on its corners are missed;
     small blocks cost more coarse samples."""
+    slope: float | None = None
+    """How much the density changes along a world unit at most (a Lipschitz constant), where one is known: then the
+    surface is that of dense evaluation, however small its parts. None judges by how the coarse samples change."""
     dense: bool = False
     """Evaluate every sample. Slower; finds parts of any size."""
     chunk: int = 2**17
@@ -143,7 +146,7 @@ def sample_blocks(density: Density, config: IsosurfaceConfig, progress: Progress
         samples.active[:] = True
         evaluate(samples.in_box.nonzero().flatten())
         return samples
-    new = _coarse_blocks(samples, evaluate)
+    new = _coarse_blocks(samples, evaluate, config.slope)
     while new.any():
         samples.active |= new
         blocks = new.flatten().nonzero().flatten()
@@ -172,11 +175,12 @@ class _Evaluator:
             self.samples.store(part, values.float())
 
 
-def _coarse_blocks(samples: BlockSamples, evaluate: _Evaluator) -> Tensor:
+def _coarse_blocks(samples: BlockSamples, evaluate: _Evaluator, slope: float | None) -> Tensor:
     """Blocks (blocks, blocks, blocks) that the samples at their corners make candidates.
 
     These are the blocks whose corners lie on both sides, and blocks whose corners come near to the iso-value, compared
-    with how fast the density changes around there: they may hold a thin or small part that lies between the corners.
+    with how fast the density changes around there, or with how fast it changes at most (`slope`): they may hold a thin
+    or small part that lies between the corners.
     """
     corner = torch.arange(samples.blocks + 1, device=samples.device) * samples.block
     line = corner.clamp(1, samples.resolution)  # The outermost corners lie beyond the box: ask at its boundary.
@@ -189,6 +193,10 @@ def _coarse_blocks(samples: BlockSamples, evaluate: _Evaluator) -> Tensor:
     inside = ((values > samples.iso) & ~empty).float()
     straddles = _pool(inside, 2, 0) - -_pool(-inside, 2, 0) > 0
 
+    if slope is not None:
+        # No sample of a block is farther from the nearest of its corners than half of the block's diagonal.
+        reach = slope * 3.0**0.5 / 2.0 * samples.block * 2.0 / (samples.resolution - 1)
+        return straddles | ~(-_pool(-(values - samples.iso).abs(), 2, 0) > reach)  # NaN may be anything.
     level = torch.nan_to_num(values - samples.iso, nan=-1e30, posinf=1e30, neginf=-1e30).clamp(-1e30, 1e30)
     change = torch.zeros_like(level)
     for axis in range(3):

@@ -63,6 +63,25 @@ def test_white_furnace_of_the_printed_formulas_gains_energy() -> None:
     assert furnace(0.2, 1.0, 0.8, "printed") > 1.8
 
 
+@pytest.mark.parametrize("roughness", (0.0, *ROUGHNESS))
+def test_the_printed_formulas_gain_no_more_than_their_lobe(roughness: float) -> None:
+    """White plastic is black plastic and a diffuse term that nothing was taken from: 1 / pi, 1 in the furnace."""
+    light, view = random_directions(400, 1), random_directions(400, 2)
+    normal, rough, plastic = torch.tensor([0.0, 0.0, 1.0]).double(), torch.tensor([roughness]), torch.zeros(1)
+    white, black = (
+        evaluate(normal, light, view, torch.full((3,), c).double(), rough, plastic, "printed") for c in (1, 0)
+    )
+    torch.testing.assert_close(white - black, torch.full((400, 3), 1.0 / math.pi).double(), rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("roughness", (0.0, *ROUGHNESS))
+def test_the_lobe_alone_never_gains_energy(roughness: float) -> None:
+    """White metal, whose Fresnel term is 1: no lobe of these formulas is larger."""
+    for n_dot_v in (1e-3, 0.05, 0.5, 1.0):
+        for form in ("standard", "cycles"):
+            assert furnace(roughness, 1.0, n_dot_v, form) <= 1.0 + 2e-3
+
+
 def test_smooth_metal_mirrors_everything_at_normal_incidence() -> None:
     # Schlick-GGX hides nothing at normal incidence, and F of white metal is 1: all that is left is that D integrates.
     assert furnace(0.05, 1.0, 1.0, "standard") == pytest.approx(1.0, abs=1e-3)
@@ -114,6 +133,24 @@ def test_gradients_are_finite_at_the_extremes(roughness: float, form: Form) -> N
         assert torch.isfinite(value).all()
         for gradient in torch.autograd.grad(value.sum(), inputs):
             assert torch.isfinite(gradient).all()
+
+
+@pytest.mark.parametrize("form", get_args(Form))
+@pytest.mark.parametrize("roughness", (0.0, 0.3, 1.0))
+def test_no_cosine_and_no_vector_without_length_gives_what_is_no_number(roughness: float, form: Form) -> None:
+    normal, nothing = torch.tensor([0.0, 0.0, 1.0]), torch.zeros(3)
+    cosines = torch.tensor([1.0, 0.5, *(10.0**-k for k in range(1, 8)), 0.0, -1e-7, -0.5, -1.0])
+    around = torch.stack([(1.0 - cosines**2).sqrt(), torch.zeros_like(cosines), cosines], dim=1)
+    vectors = torch.cat([around, around * torch.tensor([-1.0, 1.0, 1.0]), nothing[None]])
+    for up in (normal, nothing):
+        light, view = (x.reshape(-1, 3).clone().requires_grad_() for x in torch.broadcast_tensors(
+            vectors[:, None], vectors[None]
+        ))  # fmt: skip
+        finish = [x.requires_grad_() for x in (torch.ones(3), torch.full((1,), roughness), torch.full((1,), 0.5))]
+        value = evaluate(up, light, view, *finish, form)
+        assert bool(value.isfinite().all()) and bool((value >= 0.0).all())
+        for gradient in torch.autograd.grad(value.sum(), (light, view, *finish)):
+            assert bool(gradient.isfinite().all())
 
 
 @pytest.mark.parametrize("form", get_args(Form))
