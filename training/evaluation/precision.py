@@ -100,7 +100,7 @@ def network_errors(preset: Preset, views: ViewSet, shipped: bool) -> Iterator[tu
         views: of an object.
         shipped: whether the networks have their weights, not seeded random ones.
     """
-    georm = _network("georm", preset.georm, shipped)
+    georm = built("georm", preset.georm, shipped)
     points = 2.0 * torch.rand(1, 4096, 3, generator=torch.Generator().manual_seed(0)) - 1.0
     inputs = network_views(views, preset.georm), points
 
@@ -117,13 +117,14 @@ def network_errors(preset: Preset, views: ViewSet, shipped: bool) -> Iterator[tu
         tuple(str(int((x != exact).sum())) for x in (single, half)),
     )
 
-    painter = _network("instant_albedo", preset.instant_albedo, shipped)
+    painter = built("instant_albedo", preset.instant_albedo, shipped)
     atlas = _atlas(views)
     yield from _part_errors(painter, ALBEDO_PARTS, lambda: painter(*atlas))
     yield "InstantAlbedo, views to colours", compared(lambda network, *args: network(*args), painter, *atlas)
 
 
-def _network(name: str, config: Any, shipped: bool) -> nn.Module:
+def built(name: str, config: Any, shipped: bool) -> nn.Module:
+    """A network of `pipeline.NETWORKS` with the weights of `small`, or with seeded random ones."""
     torch.manual_seed(0)
     network = pipeline.NETWORKS[name][0](config)
     if shipped:
