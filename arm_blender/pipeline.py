@@ -10,7 +10,7 @@ from torch import nn
 
 from . import checkpoints
 from .config import Settings
-from .errors import EmptyMeshError
+from .errors import CheckpointError, EmptyMeshError
 from .graphics.isosurface import extract
 from .graphics.sample_grid import IsosurfaceConfig
 from .models.georm import GeoRM
@@ -92,6 +92,7 @@ def shape(views: ViewSet, settings: Settings, progress: Progress = silent) -> Tr
     progress(0.0, "GeoRM: reading the views")
     network = _network("georm", settings)
     encoded = network.encode(network_views(views, network.config))
+    _require_numbers(encoded.is_finite, "georm", views, settings)
     config = IsosurfaceConfig(
         settings.resolved.grid, iso=0.0, dense=settings.dense, chunk=POINTS_AT_ONCE[settings.device]
     )
@@ -133,6 +134,8 @@ def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report,
     progress(0.3, "InstantAlbedo")
     painter = _network("instant_albedo", settings)
     albedo, baked = painter(views.images, texels, seen, base)
+    finite = bool((albedo.isfinite() & baked.isfinite())[:, texels.mask].all())
+    _require_numbers(finite, "instant_albedo", views, settings)
     progress(0.6, "GlossyRM")
     roughness, metallic = gloss(mesh, views, texels, settings, report, part(progress, 0.6, 1.0))
     return MaterialMaps(maps.pad(albedo, texels.mask), maps.pad(baked, texels.mask), roughness, metallic)
@@ -144,6 +147,7 @@ def gloss(
     """Roughness and metallic (1, T, T), decoded at the texels; small where the map is one value."""
     network = _network("glossyrm", settings)
     encoded = network.encode(network_views(views, network.config))
+    _require_numbers(encoded.is_finite, "glossyrm", views, settings)
     if len(texels.mask) > GLOSSY_TEXELS:
         texels = texel_map(mesh, GLOSSY_TEXELS)
     points = texels.position[:, texels.mask].T
@@ -176,6 +180,13 @@ def _load(path: Path, name: str, device: str) -> nn.Module:
 
 def _network(name: str, settings: Settings) -> nn.Module:
     return _load(settings.weights(name), name, settings.device)
+
+
+def _require_numbers(finite: bool, network: str, views: ViewSet, settings: Settings) -> None:
+    """Raises `CheckpointError` where a network does not give numbers: what comes later could only be wrong."""
+    if not finite:
+        where = settings.weights(network)
+        raise CheckpointError(f"{where}: overflows on {views.name}; use the weights as published, or train them again")
 
 
 @contextmanager

@@ -33,7 +33,7 @@ def sample_blocks(density: Density, config: IsosurfaceConfig, progress: Progress
         samples.active[:] = True
         evaluate(samples.in_box.nonzero().flatten())
         return samples
-    new = _candidates(samples, evaluate)
+    new = _candidates(samples, evaluate, config.slope)
     while new.any():
         samples.active |= new
         blocks = new.flatten().nonzero().flatten()
@@ -62,7 +62,7 @@ class _Evaluator:
             self.samples.store(part, values.float())
 
 
-def _candidates(samples: BlockSamples, evaluate: _Evaluator) -> Tensor:
+def _candidates(samples: BlockSamples, evaluate: _Evaluator, slope: float | None) -> Tensor:
     """(blocks, blocks, blocks) bool, z first: the blocks that the surface may cross, as far as samples tell."""
     stride = samples.block * samples.cube
     line = torch.arange(0, samples.side - 1, stride, device=samples.device)
@@ -71,7 +71,7 @@ def _candidates(samples: BlockSamples, evaluate: _Evaluator) -> Tensor:
         stride //= 2
         parts = cubes.split(CUBES_AT_ONCE)
         evaluate(torch.cat([samples.unknown(_lattice(samples, part, stride)[0].flatten()) for part in parts]).unique())
-        cubes = torch.cat([_crossed_halves(samples, part, stride) for part in parts])
+        cubes = torch.cat([_crossed_halves(samples, part, stride, slope) for part in parts])
     found = torch.zeros_like(samples.active)
     x, y, z = (cubes // samples.block).unbind(dim=1)
     found[z, y, x] = True
@@ -90,16 +90,21 @@ def _lattice(samples: BlockSamples, cubes: Tensor, stride: int) -> tuple[Tensor,
     return flat, z[:, None, None, :] | y[:, None, :, None] | x[:, :, None, None]
 
 
-def _crossed_halves(samples: BlockSamples, cubes: Tensor, stride: int) -> Tensor:
+def _crossed_halves(samples: BlockSamples, cubes: Tensor, stride: int, slope: float | None) -> Tensor:
     """(B, 3) first corners of those halves, `stride` cells wide, of cubes (A, 3) that the surface may cross."""
     flat, beyond = _lattice(samples, cubes, stride)
     values = samples.values[flat]
     inside = (values > samples.iso) & ~beyond
-    level = torch.nan_to_num(values - samples.iso, nan=-1e30, posinf=1e30, neginf=-1e30).clamp(-1e30, 1e30)
-    change = torch.stack([level.diff(dim=axis).abs().flatten(1).amax(dim=1) for axis in (1, 2, 3)]).amax(dim=0)
-    nearest = -_over_corners(-level.abs())
     straddles = (_over_corners(inside.float()) - -_over_corners(-inside.float())) > 0
-    cube, *half = (straddles | (nearest < NEARNESS * change[:, None, None, None])).nonzero().unbind(dim=1)
+    if slope is not None:
+        # No sample of a half is farther from the nearest of its corners than half of its diagonal.
+        reach = slope * 3.0**0.5 / 2.0 * stride * 2.0 / (samples.resolution - 1)
+        near = ~(-_over_corners(-(values - samples.iso).abs()) > reach)  # NaN may be anything.
+    else:
+        level = torch.nan_to_num(values - samples.iso, nan=-1e30, posinf=1e30, neginf=-1e30).clamp(-1e30, 1e30)
+        change = torch.stack([level.diff(dim=axis).abs().flatten(1).amax(dim=1) for axis in (1, 2, 3)]).amax(dim=0)
+        near = -_over_corners(-level.abs()) < NEARNESS * change[:, None, None, None]
+    cube, *half = (straddles | near).nonzero().unbind(dim=1)
     return cubes[cube] + torch.stack(half, dim=1) * stride
 
 

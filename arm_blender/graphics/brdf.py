@@ -22,19 +22,20 @@ MIN_ALPHA = 1e-3  # alpha = roughness**2 is not smaller: D of a perfect mirror h
 DIELECTRIC_F0 = 0.04
 
 
-def distribution(n_dot_h: Tensor, roughness: Tensor, printed: bool = False) -> Tensor:
+def distribution(gap: Tensor, roughness: Tensor, printed: bool = False) -> Tensor:
     """GGX density of microfacet normals (Walter et al. 2007), per steradian; D (n.h) integrates to 1.
 
     Args:
-        n_dot_h: cosine between the normal and the half-way vector.
+        gap: 1 - n.h, of the normal and the half-way vector. Not n.h: close to 1, float32 has no digits left for the
+            angle within which a mirror's lobe lies.
         roughness: perceptual, in [0, 1]; alpha = roughness**2.
         printed: n.h without its square in the denominator, as in the paper.
     """
-    n_dot_h = n_dot_h.clamp(MIN_COSINE, 1.0)
+    gap = gap.clamp(0.0, 1.0 - MIN_COSINE)
     alpha_squared = _alpha(roughness) ** 2
-    c = n_dot_h if printed else n_dot_h**2
+    rest = gap if printed else gap * (2.0 - gap)  # 1 - c of c = n.h, or of its square.
     # c (alpha**2 - 1) + 1 cancels for smooth surfaces; this sum of two positive terms is the same and does not.
-    return alpha_squared / (math.pi * (c * alpha_squared + (1.0 - c)) ** 2)
+    return alpha_squared / (math.pi * ((1.0 - rest) * alpha_squared + rest) ** 2)
 
 
 def geometry(n_dot_l: Tensor, n_dot_v: Tensor, roughness: Tensor, printed: bool = False) -> Tensor:
@@ -105,7 +106,8 @@ def evaluate(
     half = half / (half * half).sum(dim=-1, keepdim=True).clamp(min=1e-12).sqrt()
     f0 = metallic * albedo + (1.0 - metallic) * DIELECTRIC_F0
     mirrored = fresnel((half * view).sum(dim=-1, keepdim=True), f0)
-    facets = distribution((normal * half).sum(dim=-1, keepdim=True), roughness, form == "printed")
+    gap = 0.5 * ((normal - half) ** 2).sum(dim=-1, keepdim=True)
+    facets = distribution(gap, roughness, form == "printed")
     if form == "cycles":
         unblocked = correlated_geometry(n_dot_l, n_dot_v, roughness)
     else:

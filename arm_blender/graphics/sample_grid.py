@@ -29,6 +29,9 @@ class IsosurfaceConfig:
     """Of the cubes that the search for blocks starts from, until they are blocks; at least 1. Parts that leave no trace
     on the corners and middles of those cubes are missed. None stands for 2, and for one more whenever the grid is twice
     as fine as 256: what is seen at 256 is then seen on finer grids, for as many first samples."""
+    slope: float | None = None
+    """How much the density changes along a world unit at most (a Lipschitz constant), where one is known: then the
+    surface is that of dense evaluation, however small its parts. None judges by how neighbouring samples differ."""
     dense: bool = False
     """Evaluate every sample. Slower; finds parts of any size."""
     chunk: int = 2**17

@@ -52,7 +52,8 @@ class DetailVolume(nn.Module):
         seen = views.outlines.project(points)
         _, distance = views.outlines.read(seen)
         hull = distance.amin(dim=1)
-        logit = F.interpolate(occupancy.float(), size=size, mode="trilinear")
+        precise = torch.promote_types(occupancy.dtype, torch.float32)
+        logit = F.interpolate(occupancy.to(precise), size=size, mode="trilinear")
         logit = logit.flatten(1) + hull_vote(hull, self.hull_gain)
         surface = meets(views.outlines, logit.detach().unflatten(1, (1, *size)), views.colors.shape[-1])
         depth = seen.sample(surface)[..., 0]

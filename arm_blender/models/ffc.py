@@ -39,10 +39,11 @@ class FourierUnit(nn.Module):
         self.bn = _norm(2 * channels, norm)
 
     def forward(self, x: Tensor) -> Tensor:
-        # Half-precision transforms lack sizes (cuFFT) or do not exist (CPU), and overflow: always float32.
-        spectrum = torch.fft.rfft2(x.float(), norm="ortho")
+        # Half-precision transforms lack sizes (cuFFT) or do not exist (CPU), and overflow: float32 at least.
+        precise = torch.promote_types(x.dtype, torch.float32)
+        spectrum = torch.fft.rfft2(x.to(precise), norm="ortho")
         parts = torch.stack([spectrum.real, spectrum.imag], dim=2).flatten(1, 2)  # channel 2c real, 2c + 1 imaginary
-        parts = functional.relu(self.bn(self.conv_layer(parts.to(x.dtype)))).float().unflatten(1, (-1, 2))
+        parts = functional.relu(self.bn(self.conv_layer(parts.to(x.dtype)))).to(precise).unflatten(1, (-1, 2))
         spectrum = torch.complex(parts[:, :, 0], parts[:, :, 1])
         return torch.fft.irfft2(spectrum, s=x.shape[-2:], norm="ortho").to(x.dtype)
 

@@ -138,6 +138,13 @@ class EncodedViews:
     volume: Tensor | None
     detail: Tensor | None = None
 
+    @property
+    def is_finite(self) -> bool:
+        """Whether all of it are numbers."""
+        read = () if self.views is None else (self.views.maps, self.views.depth)
+        given = (x for x in (self.planes, self.volume, self.detail, *read) if x is not None)
+        return all(bool(x.isfinite().all()) for x in given)
+
     def float(self) -> "EncodedViews":
         """The same in float32: what an encoding under autocast is decoded from."""
         views = self.views and replace(self.views, maps=self.views.maps.float(), depth=self.views.depth.float())

@@ -59,7 +59,8 @@ def fill(logit: Callable[[Tensor], Tensor], outlines: Outlines, chunk: int) -> T
         return added
     believed = torch.full_like(added, EMPTY)
     for part in within.split(chunk):
-        believed.view(-1)[part] = logit(centers[part])
+        # No number is nothing solid, as for the iso-surface: smoothed, it would spread over the whole grid.
+        believed.view(-1)[part] = logit(centers[part]).nan_to_num(nan=EMPTY, posinf=-EMPTY, neginf=EMPTY)
     for _ in range(ROUNDS):
         raised = torch.zeros_like(believed)
         raised.view(-1)[within] = _raised(outlines, believed + added, centers[within])

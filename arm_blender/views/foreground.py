@@ -5,11 +5,13 @@ from pathlib import Path
 
 import torch
 from torch import Tensor
+from torch.nn.functional import interpolate
 
 from ..errors import InputImageError
 from .masks import Unsure, sees_something
 from .matting import matted_by_model, matted_by_rembg
 from .plain_background import plain_foreground
+from .preprocess import check_size, limit_size
 
 Heard = Callable[[str, str], None]
 """Is told of each picture, by its name, which way its mask was found; `Report.note_mask` is one."""
@@ -29,28 +31,33 @@ def unheard(picture: str, way: str) -> None:
 def foreground(image: Tensor, path: Path, heard: Heard = unheard) -> Tensor:
     """`image` (4, H, W) with an alpha that cuts the object out, linear Rec.709.
 
-    A picture with alpha keeps it; an opaque one gets that of the first way that is sure.
+    A picture with alpha keeps it; an opaque one gets that of the first way that is sure, found at the size that views
+    keep at most.
 
     Args:
         path: of the picture, for messages.
         heard: is told which way it was: "alpha", or one of `WAYS`.
     Raises:
-        InputImageError: opaque, and no way is sure.
+        InputImageError: opaque, and no way is sure; or too small.
         CheckpointError: a matting model is there, but damaged.
     """
+    check_size(image, path)
     if bool((image[3] < 0.5).any()):
         heard(path.name, "alpha")
         return image
-    doubts = []
+    doubts, limited = [], limit_size(image, path)
     for way, find in WAYS.items():
         try:
-            alpha = find(image)
+            alpha = find(limited)
         except Unsure as doubt:
             doubts.append(str(doubt))
             continue
         if sees_something(alpha) and not bool((alpha > 0.5).all()):
             heard(path.name, way)
-            return torch.cat([image[:3], alpha[None].to(image)])
+            alpha = alpha[None].to(image)
+            if limited is not image:
+                alpha = interpolate(alpha[None], size=image.shape[1:], mode="bilinear")[0]
+            return torch.cat([image[:3], alpha])
         doubts.append(f"by {way} all or nothing is the object")
     raise InputImageError(
         f"{path}: no foreground found ({'; '.join(doubts)}); supply an image with alpha, or one on a plain background, "

@@ -24,6 +24,9 @@ SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".webp", ".hdr", ".tif", ".tiff")
 MAXIMUM_SIDE = 8192
 """Pixels a side; larger pictures are refused before they are decoded."""
 
+BAND = 64
+"""Rows that are decoded at once, and a little more where tiles are higher."""
+
 
 def read_image(path: Path) -> Tensor:
     """A picture as the program holds it.
@@ -58,22 +61,21 @@ def read_image(path: Path) -> Tensor:
             if max(spec.width, spec.height) > MAXIMUM_SIDE:
                 size = f"{spec.width}x{spec.height}"
                 raise InputImageError(f"{path}: {size} pixels; scale it to at most {MAXIMUM_SIDE} a side")
-            pixels = source.read_image(0, 0, 0, spec.nchannels, "float")
-            # A truncated JPEG comes back with grey rows and an error, every other format without pixels.
-            if pixels is None or source.has_error:
-                logger.debug("%s: %s", path, source.geterror())
-                raise InputImageError(f"{path}: the picture is truncated or damaged; export it again")
+            image = np.empty((4, spec.height, spec.width), np.float32)
+            # Band by band: the steps from a file's numbers to ours would take several times the picture's memory.
+            step = -(-BAND // max(1, spec.tile_height)) * max(1, spec.tile_height)
+            for top in range(0, spec.height, step):
+                bottom = min(top + step, spec.height)
+                pixels = _rows(source, spec, top, bottom)
+                # A truncated JPEG comes back with grey rows and an error, every other format without pixels.
+                if pixels is None or source.has_error:
+                    logger.debug("%s: %s", path, source.geterror())
+                    raise InputImageError(f"{path}: the picture is truncated or damaged; export it again")
+                image[:, top:bottom] = _linear(pixels, spec, source.format_name() == "openexr").numpy()
         finally:
             source.close()
-    rgba = _rgba_of_channels(pixels, spec.channelnames)
-    upright = _upright(rgba, spec.get_int_attribute("Orientation", 1))
-    image = torch.from_numpy(np.ascontiguousarray(upright.transpose(2, 0, 1)))
-    alpha = image[3:].clamp(0.0, 1.0)
-    if spec.format.basetype in (oiio.BASETYPE.HALF, oiio.BASETYPE.FLOAT, oiio.BASETYPE.DOUBLE):
-        color = _straight(image[:3], alpha) if source.format_name() == "openexr" else image[:3]
-    else:
-        color = linear_from_srgb(image[:3])
-    return torch.cat([color.clamp(0.0, 1.0), alpha])
+    upright = _upright(image.transpose(1, 2, 0), spec.get_int_attribute("Orientation", 1))
+    return torch.from_numpy(np.ascontiguousarray(upright.transpose(2, 0, 1)))
 
 
 def pictures_in(folder: Path) -> list[Path]:
@@ -109,6 +111,31 @@ def write_png(path: Path, image: Tensor, srgb: bool) -> None:
         written = sink.open(str(temporary), spec) and sink.write_image(pixels)
         if not (sink.close() and written):
             raise OSError(0, sink.geterror() or "no space")
+
+
+def _rows(source: oiio.ImageInput, spec: oiio.ImageSpec, top: int, bottom: int) -> np.ndarray | None:
+    """(bottom - top, W, N) of the file, whole tiles or the last ones; None where they cannot be read."""
+    x, y = spec.x, spec.y  # An EXR's window may begin anywhere.
+    if spec.tile_width:
+        return source.read_tiles(
+            0, 0, x, x + spec.width, y + top, y + bottom, spec.z, spec.z + 1, 0, spec.nchannels, "float"
+        )
+    return source.read_scanlines(0, 0, y + top, y + bottom, spec.z, 0, spec.nchannels, "float")
+
+
+def _linear(pixels: np.ndarray, spec: oiio.ImageSpec, premultiplied: bool) -> Tensor:
+    """(4, H, W) linear Rec.709 and straight alpha of a file's rows (H, W, N).
+
+    Args:
+        premultiplied: colours of floating point are; those of integers never come so.
+    """
+    image = torch.from_numpy(np.ascontiguousarray(_rgba_of_channels(pixels, spec.channelnames).transpose(2, 0, 1)))
+    alpha = image[3:].clamp(0.0, 1.0)
+    if spec.format.basetype in (oiio.BASETYPE.HALF, oiio.BASETYPE.FLOAT, oiio.BASETYPE.DOUBLE):
+        color = _straight(image[:3], alpha) if premultiplied else image[:3]
+    else:
+        color = linear_from_srgb(image[:3])
+    return torch.cat([color.clamp(0.0, 1.0), alpha])
 
 
 def _rgba_of_channels(pixels: np.ndarray, names: tuple[str, ...]) -> np.ndarray:

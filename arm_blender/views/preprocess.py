@@ -18,15 +18,21 @@ MINIMUM_SIDE = 16
 """Pixels a side below which a view says nothing."""
 
 
+def check_size(image: Tensor, path: Path) -> None:
+    """Raises `InputImageError` where `image` (4, H, W) is smaller than `MINIMUM_SIDE`."""
+    height, width = image.shape[1:]
+    if min(height, width) < MINIMUM_SIDE:
+        raise InputImageError(f"{path}: {width}x{height} pixels; give at least {MINIMUM_SIDE} a side")
+
+
 def limit_size(image: Tensor, path: Path) -> Tensor:
     """`image` (4, H, W), averaged down where it is larger than `MAXIMUM_SIDE`.
 
     Raises:
         InputImageError: smaller than `MINIMUM_SIDE`.
     """
+    check_size(image, path)
     height, width = image.shape[1:]
-    if min(height, width) < MINIMUM_SIDE:
-        raise InputImageError(f"{path}: {width}x{height} pixels; give at least {MINIMUM_SIDE} a side")
     if max(height, width) <= MAXIMUM_SIDE:
         return image
     scale = MAXIMUM_SIDE / max(height, width)
@@ -86,6 +92,11 @@ def seeing_views(images: list[Tensor], paths: list[Path]) -> list[int]:
 
 def _resized(image: Tensor, height: int, width: int) -> Tensor:
     """`image` (4, H, W) averaged down to another size; premultiplied on the way, so that no background leaks in."""
-    premultiplied = torch.cat([image[:3] * image[3:], image[3:]])[None]
-    small = torch.nn.functional.interpolate(premultiplied, size=(height, width), mode="area")[0]
-    return torch.cat([small[:3] / small[3:].clamp(min=1e-6), small[3:]]).clamp(0.0, 1.0)
+
+    def averaged(channel: Tensor) -> Tensor:
+        return torch.nn.functional.interpolate(channel[None, None], size=(height, width), mode="area")[0]
+
+    alpha = averaged(image[3])
+    # One channel after the other: all of them premultiplied would be a second picture.
+    color = torch.cat([averaged(channel * image[3]) for channel in image[:3]])
+    return torch.cat([color / alpha.clamp(min=1e-6), alpha]).clamp(0.0, 1.0)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from ..errors import CameraError
+from ..errors import CameraError, InputImageError
 from ..graphics.cameras import Camera, project
 from ..structures import ViewSet
 
@@ -78,6 +78,7 @@ def normalise(views: ViewSet) -> tuple[ViewSet, SceneFrame]:
         `views` itself and the identity where the object can lie inside the box.
     Raises:
         CameraError: the masks do not meet in space, or a single view looks past the box.
+        InputImageError: a view shows nothing.
     """
     silhouettes = _silhouettes(views, _COARSE)
     covered, explained = _explained_from_box(silhouettes)
@@ -123,6 +124,9 @@ def _silhouettes(views: ViewSet, side: int) -> list[_Silhouette]:
     cell = max(1.0, max(height, width) / side)
     size = max(1, round(height / cell)), max(1, round(width / cell))
     masks = torch.nn.functional.adaptive_max_pool2d((views.images[:, 3:].cpu() > 0.5).float(), size)
+    for index, mask in enumerate(masks):
+        if not bool(mask.any()):
+            raise InputImageError(f"{views.name}: view {index} shows nothing; give it an alpha, or leave it out")
     wide = torch.nn.functional.max_pool2d(masks, 3, stride=1, padding=1)
     cameras = (camera.to("cpu").resized(size[1], size[0]) for camera in views.cameras)
     return [_Silhouette(*one) for one in zip(masks[:, 0] > 0.5, wide[:, 0] > 0.5, cameras, strict=True)]

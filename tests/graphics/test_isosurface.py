@@ -264,6 +264,15 @@ def test_a_growing_ball_pushes_its_vertices_outwards():
     assert float(gradient) == pytest.approx(1.0, abs=0.01)
 
 
+def test_gradients_are_those_of_finite_differences():
+    edges = crossed_edges(waves, IsosurfaceConfig(10))
+    keep = (edges.a != edges.b).any(dim=1).nonzero()[::7, 0]
+    inputs = [x[keep].double().requires_grad_() for x in (edges.a, edges.b, edges.density_a, edges.density_b)]
+    share = ((ISO - inputs[2]) / (inputs[3] - inputs[2])).detach()
+    assert len(keep) > 20 and float(share.min()) > 2e-3 and float(share.max()) < 1.0 - 2e-3  # Not where it is clamped.
+    assert torch.autograd.gradcheck(lambda *x: vertices_from_densities(*x, ISO), inputs)
+
+
 def test_gradients_are_finite_where_densities_are_not():
     a, b = torch.zeros(4, 3), torch.ones(4, 3)
     density_a = torch.tensor([20.0, torch.inf, 20.0, ISO], requires_grad=True)

@@ -4,9 +4,10 @@ import math
 
 import pytest
 import torch
+from scipy.spatial import ConvexHull
 from torch import Tensor
 
-from arm_blender.graphics.cameras import Camera, orbit_camera, project
+from arm_blender.graphics.cameras import Camera, orbit_camera, project, unproject
 from arm_blender.graphics.rasterize import (
     CHUNK,
     Fragments,
@@ -150,6 +151,40 @@ def test_a_pixel_on_a_mesh_belongs_to_one_face(size: int, shift: float) -> None:
     width, height = (line[c + 1] - line[c] for c in (cell_x, cell_y))
     edge |= ((x - line[cell_x]) / width - (y - line[cell_y]) / height).abs() < 1e-2
     assert int(counts[~edge].max() if (~edge).any() else 1) == 1
+
+
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (7, 13), (61, 47), (255, 3)])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_random_solid_has_neither_cracks_nor_a_fringe(width: int, height: int, seed: int) -> None:
+    """Against the planes that bound a convex solid: a ray meets it where it enters all before it leaves any."""
+    corners = torch.randn(40, 3, generator=torch.Generator().manual_seed(seed)).double()
+    hull = ConvexHull((corners / corners.norm(dim=1, keepdim=True)).numpy())
+    vertices, faces = torch.from_numpy(hull.points).float(), torch.from_numpy(hull.simplices).long()
+    camera = orbit_camera(20.0 * seed, 30.0, 3.0, 45.0, width, height)
+    y, x = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
+    rays = unproject(torch.stack([x, y], dim=-1) + 0.5, torch.ones(height, width), camera).double() - camera.center
+    planes = torch.from_numpy(hull.equations)
+    speed, distance = rays @ planes[:, :3].T, camera.center.double() @ planes[:, :3].T + planes[:, 3]
+    crossing = -distance / speed
+    enter = torch.where(speed < 0, crossing, -torch.inf).amax(-1)
+    leave = torch.where(speed > 0, crossing, torch.inf).amin(-1)
+    fragments = rasterize(vertices, faces, camera)
+    clear = (leave - enter).abs() > 1e-3  # Elsewhere the ray grazes an edge.
+    assert torch.equal(fragments.mask[clear], (leave > enter)[clear])
+    seen = clear & fragments.mask
+    torch.testing.assert_close(fragments.depth[seen].double(), enter[seen], rtol=1e-4, atol=0.0)
+
+
+def test_faces_smaller_than_a_pixel_cover_what_they_are_of() -> None:
+    """65,536 faces in a picture of 256 pixels: a ball has no hole."""
+    radius, distance, size = 0.8, 4.0, 16
+    camera = orbit_camera(20.0, 30.0, distance, 35.0, size, size)
+    mask = rasterize(*sphere(radius, 128), camera).mask
+    tangent = radius / math.sqrt(distance**2 - radius**2) * float(camera.K[0, 0])
+    from_center = (torch.arange(size) + 0.5 - size / 2).square()
+    inside = (from_center[:, None] + from_center).sqrt() - tangent
+    clear = inside.abs() > 0.02
+    assert torch.equal(mask[clear], inside[clear] < 0.0) and int(clear.sum()) > 240
 
 
 def test_views_at_once_equal_views_one_by_one() -> None:

@@ -1,7 +1,11 @@
 """The generator gives LaMa's numbers; the Fourier unit sees everything and needs no half-precision transform."""
 
+import math
+
 import pytest
 import torch
+from torch import Tensor
+from torch.overrides import TorchFunctionMode
 
 from arm_blender.models.ffc import FfcConfig, FfcGenerator, FourierUnit
 
@@ -44,6 +48,82 @@ def test_half_precision_runs_the_transform_in_float32():
         found = unit.bfloat16()(x.bfloat16())
     assert found.dtype == torch.bfloat16
     assert (found.float() - expected).abs().max() < 0.05 * expected.abs().max()
+
+
+class Transforms(TorchFunctionMode):
+    """Notes what enters and leaves Fourier transforms."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.types = []
+
+    def __torch_function__(self, function, types, args=(), kwargs=None):
+        result = function(*args, **(kwargs or {}))
+        if function in (torch.fft.rfft2, torch.fft.irfft2):
+            self.types += [args[0].dtype, result.dtype]
+        return result
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])
+def test_autocast_leaves_the_transform_in_single_precision(dtype):
+    torch.manual_seed(0)
+    generator, x = FfcGenerator(3, 6, FfcConfig(width=8, downs=2, blocks=1)).eval(), torch.rand(1, 3, 36, 20)
+    with torch.no_grad(), Transforms() as transforms:
+        expected = generator(x)
+        with torch.autocast("cpu", dtype):
+            found = generator(x).float()
+    assert transforms.types == [torch.float32, torch.complex64, torch.complex64, torch.float32] * 4
+    assert (found - expected).abs().max() < 0.05 * expected.abs().max()
+
+
+def test_double_precision_stays_double():
+    """A float32 transform within would leave errors of 1e-7."""
+    torch.manual_seed(0)
+    unit, x = FourierUnit(4, "group").double(), torch.randn(1, 4, 6, 7, dtype=torch.float64)
+    with torch.no_grad():
+        torch.testing.assert_close(unit(x), by_matrices(unit, x), rtol=0.0, atol=1e-12)
+
+
+def by_matrices(unit: FourierUnit, x: Tensor) -> Tensor:
+    """The Fourier unit by its formula: a transform is a matrix of roots of unity."""
+    height, width = x.shape[-2:]
+
+    def roots(count: int) -> Tensor:
+        step = torch.arange(count, dtype=torch.float64)
+        return torch.exp(-2j * math.pi * step[:, None] * step / count) / math.sqrt(count)
+
+    half = width // 2 + 1
+    spectrum = roots(height) @ x.to(torch.complex128) @ roots(width)[:, :half]
+    parts = torch.view_as_real(spectrum).movedim(-1, 2).flatten(1, 2).to(x.dtype)
+    parts = torch.relu(unit.bn(unit.conv_layer(parts))).unflatten(1, (-1, 2))
+    spectrum = roots(height).conj() @ torch.complex(parts[:, :, 0], parts[:, :, 1]).to(torch.complex128)
+    # A real picture's other half of the columns are conjugates: each but the first and the middle one counts twice.
+    twice = torch.full((half,), 2.0, dtype=torch.float64)
+    twice[0] = 1.0
+    if width % 2 == 0:
+        twice[-1] = 1.0
+    return ((spectrum * twice) @ roots(width).conj()[:half]).real.to(x.dtype)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 7), (5, 1), (3, 5), (13, 11), (8, 9), (9, 8)])
+def test_odd_sizes_are_transformed_by_the_same_formula(size):
+    torch.manual_seed(0)
+    unit, x = FourierUnit(4, "group"), torch.randn(2, 4, *size)
+    with torch.no_grad():
+        found = unit(x)
+        assert found.shape == x.shape
+        torch.testing.assert_close(found, by_matrices(unit, x), rtol=0.0, atol=2e-6)
+
+
+@pytest.mark.parametrize("size", [(31, 47), (17, 40), (9, 9)])
+def test_the_generator_rounds_odd_sizes_up_and_stays_finite(size):
+    torch.manual_seed(0)
+    generator = FfcGenerator(3, 6, FfcConfig(width=8, downs=2, blocks=1))
+    x = torch.rand(1, 3, *size, requires_grad=True)
+    out = generator(x)
+    assert out.shape == (1, 6, *(-(-side // 4) * 4 for side in size))
+    out.square().sum().backward()
+    assert out.isfinite().all() and x.grad.isfinite().all() and x.grad.any()
 
 
 def test_paper_bottleneck_has_512_channels_and_the_published_size():

@@ -242,6 +242,19 @@ def test_the_time_limit_ends_on_shelves(processes, endless_worker):
     assert len(processes) == 1 and processes[0].returncode is not None
 
 
+def test_a_limit_that_charting_used_up_starts_no_process(processes, monkeypatch):
+    clock, charting = [0.0], unwrap_module.flat_charts
+
+    def slow(*args):
+        clock[0] += 100.0
+        return charting(*args)
+
+    monkeypatch.setattr(unwrap_module.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(unwrap_module, "flat_charts", slow)
+    mesh, method = unwrap(bumpy_ball(), UnwrapConfig(SIZE, time_limit=60.0))
+    assert method == "shelves" and mesh.charts > 1 and not processes
+
+
 @pytest.mark.parametrize("script", ["raise SystemExit(3)", "print('nothing written')", "import no_such_module"])
 def test_a_failing_worker_ends_on_shelves(monkeypatch, tmp_path, script):
     worker = tmp_path / "failing.py"

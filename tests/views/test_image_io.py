@@ -1,6 +1,9 @@
 """Every format gives the same picture; what is no picture is refused in one line."""
 
 import struct
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
@@ -33,6 +36,53 @@ def write_by_oiio(path, pixels: np.ndarray, kind: str, **attributes) -> None:
         spec.attribute(name.replace("__", ":"), value)
     output = oiio.ImageOutput.create(str(path))
     assert output.open(str(path), spec) and output.write_image(pixels) and output.close()
+
+
+@pytest.mark.parametrize("tile", [16, 48, 128])
+@pytest.mark.parametrize("kind", ["uint8", "float"])
+def test_tiled_files_and_bands_agree(tmp_path, tile, kind):
+    """More rows than a band, tiles that do not divide it, and a window that does not begin at the origin."""
+    pixels = np.random.default_rng(0).integers(0, 256, (200, 70, 4), dtype=np.uint8)
+    pixels[..., 3] = 255
+    name = "a.tif" if kind == "uint8" else "a.exr"
+    stored = pixels if kind == "uint8" else (pixels / 255.0).astype(np.float32)
+    spec = oiio.ImageSpec(70, 200, 4, kind)
+    spec.tile_width = spec.tile_height = tile
+    if kind == "float":
+        spec.x, spec.y = 3, 5
+    output = oiio.ImageOutput.create(str(tmp_path / name))
+    assert output.open(str(tmp_path / name), spec) and output.write_image(stored) and output.close()
+    values = torch.from_numpy(pixels).permute(2, 0, 1) / 255.0
+    expected = torch.cat([linear_from_srgb(values[:3]), values[3:]]) if kind == "uint8" else values
+    torch.testing.assert_close(read_image(tmp_path / name), expected, atol=1e-6, rtol=0)
+
+
+PEAK = """
+import sys
+from pathlib import Path
+from arm_blender.report import peak_memory_mib
+from arm_blender.views.image_io import read_image
+read_image(Path(sys.argv[1]))
+before = peak_memory_mib()
+image = read_image(Path(sys.argv[2]))
+after = peak_memory_mib()
+print((after - before) * 2**20 / (image.numel() * image.element_size()))
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere the peak may be inherited")
+def test_a_picture_of_8k_takes_little_more_memory_than_its_own(tmp_path):
+    """Of the whole picture at once, the steps from sRGB to linear light alone would be five times as much."""
+    for name, size in (("small.png", (64, 64)), ("large.png", (MAXIMUM_SIDE, 512))):
+        Image.new("RGB", size, (200, 80, 30)).save(tmp_path / name)
+    done = subprocess.run(
+        [sys.executable, "-c", PEAK, tmp_path / "small.png", tmp_path / "large.png"],
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert 0.5 < float(done.stdout) < 2.0
 
 
 @pytest.mark.parametrize("name", ["a.png", "a.webp", "a.tif"])

@@ -6,6 +6,9 @@ from pathlib import Path
 from arm_blender.errors import OutputError
 from arm_blender.files import whole_file
 
+Row = tuple[str, str, str]
+"""Of a table of extreme inputs: case, what is measured, result."""
+
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """A Markdown table. Columns of numbers are aligned to the right; floats get three decimals."""
