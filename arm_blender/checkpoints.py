@@ -172,6 +172,8 @@ def read_header(path: Path) -> dict[str, str]:
 def restore(module: nn.Module, state: dict[str, Tensor], path: Path) -> None:
     """Load `state` into `module`, every key and every shape.
 
+    A module that was built on the meta device takes the tensors themselves, so that no weight is there twice.
+
     Args:
         path: where the state came from, for the message.
     Raises:
@@ -189,7 +191,7 @@ def restore(module: nn.Module, state: dict[str, Tensor], path: Path) -> None:
         problems.sort()
         more = f" and {len(problems) - 3} more" if len(problems) > 3 else ""
         raise CheckpointError(f"{path}: {'; '.join(problems[:3])}{more}: made for another model; use its own weights")
-    module.load_state_dict(state)
+    module.load_state_dict(state, assign=any(tensor.is_meta for tensor in own.values()))
 
 
 def shipped(name: str, folder: Path = FOLDER) -> Path:

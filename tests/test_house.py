@@ -20,11 +20,14 @@ LAYERS = [  # A module imports from its own layer and from earlier ones.
         "config_json",
         "progress",
         "threads",
+        "memory",
+        "precision",
         "structures",
         "graphics",
     },  # structures holds cameras, and graphics fills structures.
     {"models", "uv", "views", "checkpoints"},
     {"config", "report", "export", "weights_import"},
+    {"networks"},
     {"pipeline"},
     {"blender", "commands", "__main__", "__init__"},
 ]

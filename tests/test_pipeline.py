@@ -7,7 +7,7 @@ import pytest
 import torch
 import trimesh
 
-from arm_blender import checkpoints, pipeline
+from arm_blender import checkpoints, networks, pipeline
 from arm_blender.config import Settings
 from arm_blender.errors import ArmError, Cancelled, CheckpointError, EmptyMeshError
 from arm_blender.graphics.cameras import project
@@ -127,7 +127,7 @@ def test_a_mesh_that_no_view_sees_is_named(views, tmp_path):
 @pytest.mark.parametrize("missing", ["georm", "glossyrm", "instant_albedo"])
 def test_missing_weights_are_known_before_the_work(views, tmp_path, monkeypatch, missing):
     real = Settings.weights
-    there = {name: real(QUICK, name) for name in pipeline.NETWORKS} | {missing: tmp_path / "gone.safetensors"}
+    there = {name: real(QUICK, name) for name in networks.NETWORKS} | {missing: tmp_path / "gone.safetensors"}
     monkeypatch.setattr(Settings, "weights", lambda _, name: there[name])
     report = Report("small", "cpu", 0)
     with pytest.raises(CheckpointError, match="gone.safetensors"):
@@ -141,7 +141,7 @@ def test_a_density_without_a_surface_names_the_views(views, monkeypatch):
 
     monkeypatch.setattr(pipeline, "extract", nothing)
     with pytest.raises(EmptyMeshError, match=f"{views.name}: no surface"):
-        pipeline.shape(views, QUICK)
+        pipeline.shape(views, QUICK, Report("small", "cpu", 0))
 
 
 @pytest.mark.parametrize("stage", ["GeoRM: reading the views", "Packing charts", "GlossyRM: decoding texels"])
@@ -203,7 +203,7 @@ def test_a_network_in_instantmeshs_frame_puts_its_front_where_blenders_is(views,
     path = tmp_path / "georm.safetensors"
     checkpoints.save(path, network.state_dict(), network.config, "georm")
     monkeypatch.setattr(Settings, "weights", lambda _, name: path)
-    vertices = pipeline.shape(views, replace(QUICK, preset="instantmesh")).vertices
+    vertices = pipeline.shape(views, replace(QUICK, preset="instantmesh"), Report("instantmesh", "cpu", 0)).vertices
     assert float(vertices[:, 1].max()) == pytest.approx(0.0, abs=0.02)
     assert float(vertices[:, 1].min()) < -0.9
     assert float(vertices[:, 0].min()) < -0.9 and float(vertices[:, 0].max()) > 0.9

@@ -100,8 +100,9 @@ class ImageEncoder(nn.Module):
         )
         self.blocks = nn.ModuleList(ModulatedBlock(config.width, config.heads) for _ in range(config.depth))
         self.norm = nn.LayerNorm(config.width, eps=1e-12)
-        self.register_buffer("mean", torch.tensor(config.mean).view(1, 3, 1, 1), persistent=False)
-        self.register_buffer("std", torch.tensor(config.std).view(1, 3, 1, 1), persistent=False)
+        # Of the configuration, not of the weights: there even in a module that is built without memory.
+        for name, values in (("mean", config.mean), ("std", config.std)):
+            self.register_buffer(name, torch.tensor(values, device="cpu").view(1, 3, 1, 1), persistent=False)
 
     def interpolated_position(self, rows: int, columns: int) -> Tensor:
         """(1, 1 + rows * columns, D). DINO interpolates by scale factor with an offset of 0.1, not by size."""

@@ -88,8 +88,9 @@ class MaterialEncoder(nn.Module):
         self.contexts = nn.ModuleList(Context(config.vit.dim, config.channels, factor) for factor in _FACTORS)
         self.fusions = nn.ModuleList(Fusion(config.channels, 1 if k == 3 else 2, joins=k < 3) for k in range(4))
         self.head = nn.Conv2d(config.channels, config.out_channels, 1)
-        self.register_buffer("mean", torch.tensor(_MEAN).view(3, 1, 1), persistent=False)
-        self.register_buffer("std", torch.tensor(_STD).view(3, 1, 1), persistent=False)
+        # Constants, not weights: there even in a module that is built without memory.
+        self.register_buffer("mean", torch.tensor(_MEAN, device="cpu").view(3, 1, 1), persistent=False)
+        self.register_buffer("std", torch.tensor(_STD, device="cpu").view(3, 1, 1), persistent=False)
 
     def forward(self, images: Tensor) -> Tensor:
         """Features of images.

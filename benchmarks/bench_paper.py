@@ -1,0 +1,154 @@
+"""Seconds and peak memory of every stage of the `paper` preset, with random weights, from six views of 320².
+
+python -m benchmarks.bench_paper --precision float32|bfloat16 [--threads N] fills that block of docs/paper-preset.md.
+"""
+
+import argparse
+import sys
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import torch
+from torch.nn import functional as F
+
+from arm_blender import networks, pipeline
+from arm_blender.config import Settings
+from arm_blender.models.reconstruction import network_views
+from arm_blender.precision import running_in
+from arm_blender.report import Report
+from arm_blender.structures import ViewSet
+from arm_blender.uv import maps
+from arm_blender.uv.backproject import backproject, blend
+from arm_blender.uv.texels import texel_map
+from arm_blender.views import load_views
+from arm_blender.views.scene_frame import normalise
+from training.evaluation.results import fill_block, markdown_table, paragraphs
+
+from .measure import PeakMemory, machine
+from .shapes import EXAMPLE
+
+DOCUMENT = Path(__file__).parents[1] / "docs" / "paper-preset.md"
+SIDE = 320
+"""Pixels a side of the views: those of the Zero123++ rig."""
+TEXELS = 1024
+
+SHAPE = ("GeoRM: reading the views", "Sampling the density")
+"""The stages from views to the density around the surface."""
+
+MEANING = {
+    "GeoRM: loading": " (drawing random weights)",
+    "InstantAlbedo: loading": " (drawing random weights)",
+    "GlossyRM: loading": " (drawing random weights)",
+    "cleaning the mesh": " and reducing it to 10,000 faces",
+    "unwrapping": ": charts",
+}
+"""What a stage's message leaves out."""
+
+
+@dataclass
+class Stages:
+    """A `Progress` that takes the time and the peak memory from each new message to the next.
+
+    Attributes:
+        rows: message, seconds, highest resident size of the process during them in GiB.
+    """
+
+    rows: list[tuple[str, float, float]] = field(default_factory=list)
+    memory: PeakMemory = field(default_factory=PeakMemory)
+    message: str = "the views"
+    start: float = field(default_factory=time.perf_counter)
+
+    def __call__(self, fraction: float, message: str) -> None:
+        if message == self.message:
+            return
+        now = time.perf_counter()
+        self.rows.append((self.message, now - self.start, self.memory.gib()))
+        self.memory.reset()
+        self.message, self.start = message, time.perf_counter()
+
+
+def six_views() -> ViewSet:
+    """The committed example's views at 320², in the box."""
+    views = load_views(EXAMPLE)
+    images = F.interpolate(views.images, size=(SIDE, SIDE), mode="area")
+    cameras = tuple(camera.resized(SIDE, SIDE) for camera in views.cameras)
+    return normalise(ViewSet(images, cameras, views.weights, views.name))[0]
+
+
+@torch.inference_mode()
+def run_stages(settings: Settings, stages: Stages) -> str:
+    """All stages as `pipeline.generate` runs them, but for the atlas, which is larger than 320² views can fill.
+
+    Returns the sizes of what was made, in words.
+    """
+    report = Report(settings.preset, settings.device, settings.seed)
+    views = six_views()
+    mesh = pipeline.atlas(pipeline.shape(views, settings, report, stages), settings, report, stages)
+    stages(0.0, "back-projecting the views")
+    texels = texel_map(mesh, TEXELS)
+    seen = backproject(mesh, texels, views)
+    colors, weight = blend(seen, views.weights)
+    base = maps.diffuse_fill(colors, (weight > 0.0) & texels.mask, texels)
+    pipeline.paint(views, texels, seen, base, settings, report, stages)
+    del seen, colors, weight, base
+    pipeline.gloss(mesh, views, texels, settings, report, stages)
+    stages(1.0, "end")
+    return f"{len(mesh.faces):,} faces, {mesh.charts} charts, {TEXELS}² texels"
+
+
+@torch.inference_mode()
+def planes_error(settings: Settings) -> tuple[float, float]:
+    """bfloat16 against float32: relative error of GeoRM's planes, and of its field over the field's deviation."""
+    network = networks.load("georm", settings)
+    views = network_views(six_views(), network.config)
+    points = 2.0 * torch.rand(1, 2**14, 3, generator=torch.Generator().manual_seed(0)) - 1.0
+    planes, fields = [], []
+    for dtype in (torch.float32, torch.bfloat16):
+        with running_in(dtype, settings.device):
+            encoded = network.encode(views).float()
+        planes.append(encoded.planes)
+        fields.append(network.occupancy_logit(encoded, points))
+    return (
+        float((planes[1] - planes[0]).norm() / planes[0].norm()),
+        float((fields[1] - fields[0]).square().mean().sqrt() / fields[0].std()),
+    )
+
+
+def block(precision: str) -> str:
+    """The measured table as Markdown."""
+    settings = Settings(preset="paper", precision=precision, random_weights=0)
+    stages = Stages()
+    made = run_stages(settings, stages)
+    rows = [[f"{name}{MEANING.get(name, '')}", f"{seconds:.1f}", f"{gib:.2f}"] for name, seconds, gib in stages.rows]
+    seconds = dict((name, seconds) for name, seconds, _ in stages.rows)
+    shape = sum(seconds[name] for name in SHAPE)
+    highest = max(gib for _, _, gib in stages.rows)
+    rows.append(["**all stages**", f"{sum(seconds.values()):.1f}", f"{highest:.2f}"])
+    peak = max(gib for name, _, gib in stages.rows if name in SHAPE)
+    said = f"GeoRM, from views to the density around the surface of a 256³ grid: {shape:.1f} s, {peak:.2f} GiB. {made}."
+    parts = [f"### {precision}", markdown_table(["stage", "seconds", "peak GiB"], rows), said]
+    if precision == "bfloat16":
+        planes, field_error = planes_error(settings)
+        parts.append(
+            f"Against float32, with the same weights: the planes differ by {planes:.2%} (norm of the difference over "
+            f"the norm), the field by {field_error:.2%} of its standard deviation in the box (root mean square)."
+        )
+    return paragraphs(*parts, f"Machine: {machine()}.")
+
+
+def main() -> int:
+    """Measure one precision and write its table."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.bench_paper", description=__doc__.partition("\n")[0])
+    parser.add_argument("--precision", choices=("float32", "bfloat16"), required=True)
+    parser.add_argument("--threads", type=int, default=2, help="of torch (default 2)")
+    args = parser.parse_args()
+    torch.set_num_threads(args.threads)
+    text = block(args.precision)
+    print(text)
+    fill_block(DOCUMENT, f"paper-{args.precision}", text)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
