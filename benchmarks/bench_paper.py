@@ -1,6 +1,6 @@
 """Seconds and peak memory of every stage of the `paper` preset, with random weights, from six views of 320².
 
-python -m benchmarks.bench_paper --precision float32|bfloat16 [--threads N] fills that block of docs/paper-preset.md.
+python -m benchmarks.bench_paper float32|bfloat16|error [--threads N] fills that block of docs/paper-preset.md.
 """
 
 import argparse
@@ -64,6 +64,7 @@ class Stages:
             return
         now = time.perf_counter()
         self.rows.append((self.message, now - self.start, self.memory.gib()))
+        print(*self.rows[-1], file=sys.stderr, flush=True)
         self.memory.reset()
         self.message, self.start = message, time.perf_counter()
 
@@ -127,26 +128,30 @@ def block(precision: str) -> str:
     rows.append(["**all stages**", f"{sum(seconds.values()):.1f}", f"{highest:.2f}"])
     peak = max(gib for name, _, gib in stages.rows if name in SHAPE)
     said = f"GeoRM, from views to the density around the surface of a 256³ grid: {shape:.1f} s, {peak:.2f} GiB. {made}."
-    parts = [f"### {precision}", markdown_table(["stage", "seconds", "peak GiB"], rows), said]
-    if precision == "bfloat16":
-        planes, field_error = planes_error(settings)
-        parts.append(
-            f"Against float32, with the same weights: the planes differ by {planes:.2%} (norm of the difference over "
-            f"the norm), the field by {field_error:.2%} of its standard deviation in the box (root mean square)."
-        )
-    return paragraphs(*parts, f"Machine: {machine()}.")
+    table = markdown_table(["stage", "seconds", "peak GiB"], rows)
+    return paragraphs(f"### {precision}", table, said, f"Machine: {machine()}.")
+
+
+def error_block() -> str:
+    """How far bfloat16 is from float32, as Markdown."""
+    planes, deviation = planes_error(Settings(preset="paper", random_weights=0))
+    return (
+        f"GeoRM in bfloat16 against float32, with the same weights: the planes differ by {planes:.2%} (norm of the "
+        f"difference over the norm), the field by {deviation:.2%} of its standard deviation in the box (root mean "
+        "square)."
+    )
 
 
 def main() -> int:
     """Measure one precision and write its table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.bench_paper", description=__doc__.partition("\n")[0])
-    parser.add_argument("--precision", choices=("float32", "bfloat16"), required=True)
+    parser.add_argument("what", choices=("float32", "bfloat16", "error"))
     parser.add_argument("--threads", type=int, default=2, help="of torch (default 2)")
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
-    text = block(args.precision)
+    text = error_block() if args.what == "error" else block(args.what)
     print(text)
-    fill_block(DOCUMENT, f"paper-{args.precision}", text)
+    fill_block(DOCUMENT, f"paper-{args.what}", text)
     return 0
 
 

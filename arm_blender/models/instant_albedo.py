@@ -41,9 +41,9 @@ class InstantAlbedoConfig:
     ffc: FfcConfig = FfcConfig()
     """Completes the fused atlas."""
     resolution: int | None = None
-    """Texels a side that the networks run at; None is the atlas's own. Finer than this the corrections are smooth."""
+    """Texels a side that the networks run at; None is the atlas's own, as in the paper. Corrections are smoother."""
     residual: bool = False
-    """Predict corrections of the blended views, not colours."""
+    """Predict corrections of the blended views, not colours; the paper predicts colours."""
 
     @property
     def multiple(self) -> int:

@@ -20,7 +20,7 @@ _FACTORS = (4, 2, 1, 1)
 
 @dataclass(frozen=True)
 class MaterialEncoderConfig:
-    """The paper's encoder: ViT-B/8 at 512 pixels."""
+    """The paper's encoder, a ViT-B/8 under a cascade; the numbers that it leaves out are Materialistic's."""
 
     vit: VitConfig = VitConfig()
     """The transformer under the cascade."""
@@ -31,7 +31,7 @@ class MaterialEncoderConfig:
     channels: int = 256
     """Width of the cascade."""
     out_channels: int = 32
-    """Features per pixel. 256 would take 6.4 GB for six atlases of 1024 texels a side."""
+    """Features per pixel; ours. Materialistic's 256 would take 6.4 GB for six atlases of 1024 texels a side."""
 
 
 class Context(nn.Module):
