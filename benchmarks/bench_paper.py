@@ -6,6 +6,7 @@ python -m benchmarks.bench_paper float32|bfloat16|error [--threads N] fills that
 import argparse
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -25,7 +26,7 @@ from arm_blender.views import load_views
 from arm_blender.views.scene_frame import normalise
 from training.evaluation.results import fill_block, markdown_table, paragraphs
 
-from .measure import PeakMemory, machine
+from .measure import PeakMemory, cpu_seconds, machine
 from .shapes import EXAMPLE
 
 DOCUMENT = Path(__file__).parents[1] / "docs" / "paper-preset.md"
@@ -46,27 +47,41 @@ MEANING = {
 """What a stage's message leaves out."""
 
 
-@dataclass
-class Stages:
-    """A `Progress` that takes the time and the peak memory from each new message to the next.
+@dataclass(frozen=True)
+class Stage:
+    """What one stage took.
 
     Attributes:
-        rows: message, seconds, highest resident size of the process during them in GiB.
+        name: the message that it began with.
+        seconds: by the clock.
+        cpu: seconds of all cores together, child processes included.
+        gib: highest resident size of this process.
     """
 
-    rows: list[tuple[str, float, float]] = field(default_factory=list)
+    name: str
+    seconds: float
+    cpu: float
+    gib: float
+
+
+@dataclass
+class Stages:
+    """A `Progress` that measures from each new message to the next."""
+
+    rows: list[Stage] = field(default_factory=list)
     memory: PeakMemory = field(default_factory=PeakMemory)
     message: str = "the views"
     start: float = field(default_factory=time.perf_counter)
+    cpu: float = field(default_factory=cpu_seconds)
 
     def __call__(self, fraction: float, message: str) -> None:
         if message == self.message:
             return
-        now = time.perf_counter()
-        self.rows.append((self.message, now - self.start, self.memory.gib()))
-        print(*self.rows[-1], file=sys.stderr, flush=True)
+        now, cpu = time.perf_counter(), cpu_seconds()
+        self.rows.append(Stage(self.message, now - self.start, cpu - self.cpu, self.memory.gib()))
+        print(self.rows[-1], file=sys.stderr, flush=True)
         self.memory.reset()
-        self.message, self.start = message, time.perf_counter()
+        self.message, self.start, self.cpu = message, now, cpu
 
 
 def six_views() -> ViewSet:
@@ -121,15 +136,21 @@ def block(precision: str) -> str:
     settings = Settings(preset="paper", precision=precision, random_weights=0)
     stages = Stages()
     made = run_stages(settings, stages)
-    rows = [[f"{name}{MEANING.get(name, '')}", f"{seconds:.1f}", f"{gib:.2f}"] for name, seconds, gib in stages.rows]
-    seconds = dict((name, seconds) for name, seconds, _ in stages.rows)
-    shape = sum(seconds[name] for name in SHAPE)
-    highest = max(gib for _, _, gib in stages.rows)
-    rows.append(["**all stages**", f"{sum(seconds.values()):.1f}", f"{highest:.2f}"])
-    peak = max(gib for name, _, gib in stages.rows if name in SHAPE)
-    said = f"GeoRM, from views to the density around the surface of a 256³ grid: {shape:.1f} s, {peak:.2f} GiB. {made}."
-    table = markdown_table(["stage", "seconds", "peak GiB"], rows)
-    return paragraphs(f"### {precision}", table, said, f"Machine: {machine()}.")
+    rows = [
+        [f"{stage.name}{MEANING.get(stage.name, '')}", f"{stage.seconds:.1f}", f"{stage.cpu:.1f}", f"{stage.gib:.2f}"]
+        for stage in stages.rows
+    ]
+    rows.append(["**all stages**", *summed(stages.rows)])
+    rows.append(["of these, from the views to the density around the surface", *summed(stages.rows, SHAPE)])
+    table = markdown_table(["stage", "seconds", "CPU seconds", "peak GiB"], rows)
+    return paragraphs(f"### {precision}", table, f"{made}. Machine: {machine()}.")
+
+
+def summed(stages: list[Stage], names: Sequence[str] = ()) -> list[str]:
+    """Seconds, CPU seconds and peak of some stages, or of all."""
+    chosen = [stage for stage in stages if stage.name in names or not names]
+    totals = sum(stage.seconds for stage in chosen), sum(stage.cpu for stage in chosen)
+    return [*(f"{total:.1f}" for total in totals), f"{max(stage.gib for stage in chosen):.2f}"]
 
 
 def error_block() -> str:

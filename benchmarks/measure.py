@@ -45,6 +45,13 @@ def seconds_of(call: Callable[[], object]) -> float:
     return time.perf_counter() - start
 
 
+def cpu_seconds() -> float:
+    """Of this process and of its ended children so far, all cores together: what other work on the machine does not
+    change."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
 class PeakMemory:
     """The highest resident size of this process since the last `reset`, or since its start where none can be made."""
 
