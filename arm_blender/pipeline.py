@@ -63,7 +63,7 @@ def generate(
             views, frame = normalise(chosen.to(settings.device))
         with report.stage("shape"), lower_if_short("the shape", "lower --grid or --quality"):
             if settings.mesh is None:
-                mesh = shape(views, settings, report, part(progress, 0.0, 0.4))
+                mesh = shape(views, settings, part(progress, 0.0, 0.4), report)
             else:
                 report.leave_out("reconstruction of the shape", f"{settings.mesh.name} is the shape")
                 mesh = read_mesh(settings.mesh).moved(frame.boxed)
@@ -82,9 +82,13 @@ def generate(
     return RelightableAsset(name, mesh, material).to("cpu"), report
 
 
-def shape(views: ViewSet, settings: Settings, report: Report, progress: Progress = silent) -> TriangleMesh:
+def shape(
+    views: ViewSet, settings: Settings, progress: Progress = silent, report: Report | None = None
+) -> TriangleMesh:
     """GeoRM, its iso-surface, cleaned and reduced to the face budget (ARM, section 5.1)."""
-    surface = _surface(views, settings, report, part(progress, 0.0, 0.8))  # By now the network's memory is free.
+    report = report or Report(settings.preset, settings.device, settings.seed)
+    surface = _surface(views, settings, report, part(progress, 0.0, 0.8))
+    # By now the network's memory is free.
     progress(0.8, "cleaning the mesh")
     return decimate(clean(surface), settings.resolved.faces)
 

@@ -141,7 +141,7 @@ def test_a_density_without_a_surface_names_the_views(views, monkeypatch):
 
     monkeypatch.setattr(pipeline, "extract", nothing)
     with pytest.raises(EmptyMeshError, match=f"{views.name}: no surface"):
-        pipeline.shape(views, QUICK, Report("small", "cpu", 0))
+        pipeline.shape(views, QUICK)
 
 
 @pytest.mark.parametrize("stage", ["GeoRM: reading the views", "Packing charts", "GlossyRM: decoding texels"])
@@ -203,7 +203,7 @@ def test_a_network_in_instantmeshs_frame_puts_its_front_where_blenders_is(views,
     path = tmp_path / "georm.safetensors"
     checkpoints.save(path, network.state_dict(), network.config, "georm")
     monkeypatch.setattr(Settings, "weights", lambda _, name: path)
-    vertices = pipeline.shape(views, replace(QUICK, preset="instantmesh"), Report("instantmesh", "cpu", 0)).vertices
+    vertices = pipeline.shape(views, replace(QUICK, preset="instantmesh")).vertices
     assert float(vertices[:, 1].max()) == pytest.approx(0.0, abs=0.02)
     assert float(vertices[:, 1].min()) < -0.9
     assert float(vertices[:, 0].min()) < -0.9 and float(vertices[:, 0].max()) > 0.9
