@@ -1,6 +1,8 @@
 """Seconds and peak memory of every stage of the `paper` preset, with random weights, from six views of 320².
 
-python -m benchmarks.bench_paper float32|bfloat16|error [--threads N] fills that block of docs/paper-preset.md.
+python -m benchmarks.bench_paper float32|bfloat16|error [--shape-only] [--threads N]
+
+Each fills its block of docs/paper-preset.md.
 """
 
 import argparse
@@ -95,14 +97,18 @@ def six_views() -> ViewSet:
 
 
 @torch.inference_mode()
-def run_stages(settings: Settings, stages: Stages) -> str:
+def run_stages(settings: Settings, stages: Stages, shape_only: bool) -> str:
     """All stages as `pipeline.generate` runs them, but for the atlas, which is larger than 320² views can fill.
 
     Returns the sizes of what was made, in words.
     """
     report = Report(settings.preset, settings.device, settings.seed)
     views = six_views()
-    mesh = pipeline.atlas(pipeline.shape(views, settings, stages, report), settings, report, stages)
+    surface = pipeline.shape(views, settings, stages, report)
+    if shape_only:
+        stages(1.0, "end")
+        return f"{len(surface.faces):,} faces"
+    mesh = pipeline.atlas(surface, settings, report, stages)
     stages(0.0, "back-projecting the views")
     texels = texel_map(mesh, TEXELS)
     seen = backproject(mesh, texels, views)
@@ -133,11 +139,11 @@ def planes_error(settings: Settings) -> tuple[float, float]:
     )
 
 
-def block(precision: str) -> str:
+def block(precision: str, shape_only: bool) -> str:
     """The measured table as Markdown."""
     settings = Settings(preset="paper", precision=precision, random_weights=0)
     stages = Stages()
-    made = run_stages(settings, stages)
+    made = run_stages(settings, stages, shape_only)
     rows = [
         [f"{stage.name}{MEANING.get(stage.name, '')}", f"{stage.seconds:.1f}", f"{stage.cpu:.1f}", f"{stage.gib:.2f}"]
         for stage in stages.rows
@@ -189,10 +195,11 @@ def main() -> int:
     """Measure one precision and write its table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.bench_paper", description=__doc__.partition("\n")[0])
     parser.add_argument("what", choices=("float32", "bfloat16", "error"))
+    parser.add_argument("--shape-only", action="store_true", help="stop when there is a mesh")
     parser.add_argument("--threads", type=int, default=2, help="of torch (default 2)")
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
-    text = error_block() if args.what == "error" else block(args.what)
+    text = error_block() if args.what == "error" else block(args.what, args.shape_only)
     print(text)
     fill_block(DOCUMENT, f"paper-{args.what}", text)
     return 0
