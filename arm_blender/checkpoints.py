@@ -60,7 +60,7 @@ def save(
         stored = tensor.detach().cpu().contiguous()
         if stored.is_floating_point():
             stored = stored.to(torch.float16 if half else torch.float32)
-            if not bool(torch.isfinite(stored).all()):
+            if not _is_finite(stored):
                 raise ValueError(f"{key}: a value is not finite in {stored.dtype}")
         # Tied weights share memory, which safetensors refuses: all but the first get their own.
         place = stored.untyped_storage().data_ptr()
@@ -95,7 +95,7 @@ def load(path: Path, expected: type[Config]) -> tuple[Config, dict[str, Tensor]]
     with safe_open(path, framework="pt") as file:
         state = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118  (safe_open is no mapping)
     for key, tensor in state.items():
-        if tensor.is_floating_point() and not bool(torch.isfinite(tensor).all()):
+        if tensor.is_floating_point() and not _is_finite(tensor):
             raise CheckpointError(f"{path}: damaged ({key} is not finite); copy the file again")
     return config, {key: t.float() if t.is_floating_point() else t for key, t in state.items()}
 
@@ -121,6 +121,8 @@ def read_header(path: Path) -> dict[str, str]:
 def restore(module: nn.Module, state: dict[str, Tensor], path: Path) -> None:
     """Load `state` into `module`, every key and every shape.
 
+    A module that was built on the meta device takes the tensors themselves, so that no weight is there twice.
+
     Args:
         path: where the state came from, for the message.
     Raises:
@@ -138,7 +140,7 @@ def restore(module: nn.Module, state: dict[str, Tensor], path: Path) -> None:
         problems.sort()
         more = f" and {len(problems) - 3} more" if len(problems) > 3 else ""
         raise CheckpointError(f"{path}: {'; '.join(problems[:3])}{more}: made for another model; use its own weights")
-    module.load_state_dict(state)
+    module.load_state_dict(state, assign=any(tensor.is_meta for tensor in own.values()))
 
 
 def registered(name: str) -> Weights:
@@ -221,6 +223,11 @@ def sha256(path: Path) -> str:
     """Hex digest of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _is_finite(tensor: Tensor) -> bool:
+    # The extremes are infinite, or no numbers, where any value is; unlike `isfinite` they need no memory of that size.
+    return tensor.numel() == 0 or bool(torch.stack(tensor.aminmax()).isfinite().all())
 
 
 def _remedy(path: Path) -> str:

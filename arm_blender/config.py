@@ -11,6 +11,7 @@ from .errors import ArmError
 from .models import instant_albedo, reconstruction
 from .models.instant_albedo import InstantAlbedoConfig
 from .models.reconstruction import ReconstructionConfig
+from .precision import PRECISIONS, PrecisionName
 from .uv.backproject import BLENDS
 
 PresetName = Literal["small", "paper", "instantmesh"]
@@ -27,11 +28,13 @@ class Preset:
     instant_albedo: InstantAlbedoConfig
     material: PresetName | None = None
     """Preset whose weights of GlossyRM and InstantAlbedo are taken; None for its own."""
+    grid: int | None = None
+    """Samples of the density along a side of the box, whatever the quality; None follows the quality level."""
 
 
 PRESETS: dict[str, Preset] = {
     "small": Preset(reconstruction.SMALL, reconstruction.SMALL_GLOSSY, instant_albedo.SMALL),
-    "paper": Preset(reconstruction.PAPER, reconstruction.PAPER, instant_albedo.PAPER),
+    "paper": Preset(reconstruction.PAPER, reconstruction.PAPER, instant_albedo.PAPER, grid=256),  # ARM, section 5.1.
     # InstantMesh has no networks of the material, and those of `small` need to know nothing of the shape's.
     "instantmesh": Preset(
         reconstruction.INSTANTMESH, reconstruction.SMALL_GLOSSY, instant_albedo.SMALL, material="small"
@@ -88,12 +91,17 @@ class Settings:
     """How views that see the same texel share it (`BLENDS`)."""
     mesh: Path | None = None
     """A mesh of the user's: it keeps its shape, and its UVs if it has them."""
+    precision: PrecisionName = "auto"
+    """Of the networks: float32, bfloat16, or what suits the network's size and the device."""
+    random_weights: int | None = None
+    """For tests: a seed of random weights for all networks, instead of those in files. The result means nothing."""
 
     def __post_init__(self) -> None:
         for name, value, known in (
             ("preset", self.preset, PRESETS),
             ("quality", self.quality, QUALITIES),
             ("blend", self.blend, BLENDS),
+            ("precision", self.precision, PRECISIONS),
         ):
             if value not in known:
                 raise ArmError(f"--{name} {value}: unknown; choose one of {', '.join(known)}")
@@ -107,8 +115,9 @@ class Settings:
             raise ArmError(f"--grid {self.resolved.grid}: give 16 to 512")
         if not self.time_limit > 0.0:
             raise ArmError(f"--time-limit {self.time_limit:g}: give positive seconds")
-        if not 0 <= self.seed < 2**63:
-            raise ArmError(f"--seed {self.seed}: give 0 to 2**63 - 1")
+        for name, seed in (("seed", self.seed), ("random-weights", self.random_weights)):
+            if seed is not None and not 0 <= seed < 2**63:
+                raise ArmError(f"--{name} {seed}: give 0 to 2**63 - 1")
 
     def _check_machine(self) -> None:
         """Raises `ArmError` where this machine, or this build of torch, has not what the settings ask for."""
@@ -122,8 +131,9 @@ class Settings:
 
     @property
     def resolved(self) -> Quality:
-        """The quality level with the single knobs over it."""
+        """The quality level with the preset's grid and the single knobs over it."""
         level = QUALITIES[self.quality]
+        level = replace(level, grid=PRESETS[self.preset].grid or level.grid)
         own = {name: getattr(self, name) for name in ("grid", "faces", "texture_size")}
         return replace(level, **{name: value for name, value in own.items() if value is not None})
 

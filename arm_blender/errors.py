@@ -40,5 +40,9 @@ class OutputError(ArmError):
     """A result cannot be written."""
 
 
+class OutOfMemory(ArmError):
+    """The memory of the machine or of its device does not suffice."""
+
+
 class Cancelled(ArmError):
     """The user stopped the run; nothing was written."""

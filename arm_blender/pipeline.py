@@ -1,25 +1,24 @@
 """From posed views to a relightable asset: the whole story, one call a stage (ARM, figure 2)."""
 
-import functools
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from typing import Literal
 
 import torch
-from torch import nn
 
-from . import checkpoints
+from . import networks
 from .config import Settings
 from .errors import CheckpointError, EmptyMeshError
 from .graphics.isosurface import extract
-from .graphics.sample_grid import IsosurfaceConfig
+from .graphics.sample_grid import Density, IsosurfaceConfig
+from .memory import lower_if_short
+from .models import random_weights
 from .models.georm import GeoRM
 from .models.glossyrm import GlossyRM
-from .models.instant_albedo import InstantAlbedo, InstantAlbedoConfig
-from .models.reconstruction import ReconstructionConfig, network_views
+from .models.reconstruction import EncodedViews, network_views
 from .progress import Progress, part, silent
 from .report import Report
-from .structures import MaterialMaps, RelightableAsset, TexelMap, TriangleMesh, UvMesh, ViewSet
+from .structures import MaterialMaps, RelightableAsset, TexelMap, TexelViews, TriangleMesh, UvMesh, ViewSet
 from .threads import cpu_threads
 from .uv import maps
 from .uv.backproject import BLENDS, backproject, blend, texture_size_for
@@ -28,13 +27,6 @@ from .uv.mesh_file import read_mesh
 from .uv.texels import texel_map
 from .uv.unwrap import UnwrapConfig, unwrap
 from .views.scene_frame import normalise
-
-NETWORKS: dict[str, tuple[type[nn.Module], type]] = {
-    "georm": (GeoRM, ReconstructionConfig),
-    "glossyrm": (GlossyRM, ReconstructionConfig),
-    "instant_albedo": (InstantAlbedo, InstantAlbedoConfig),
-}
-"""Each network and the config that its checkpoint carries."""
 
 GLOSSY_TEXELS = 512
 """Texels a side of the roughness and metallic maps at most: the field behind them is no finer."""
@@ -57,52 +49,83 @@ def generate(
         progress: told of every stage; it may raise `Cancelled`.
         report: continued, if loading has begun one.
     Returns:
-        The asset, in the cameras' frame, and the report.
+        The asset, in the cameras' frame, and the report. Its name says where the weights were random.
     Raises:
         ArmError: the input does not do, weights are missing, or the density has no surface.
     """
     report = report or Report(settings.preset, settings.device, settings.seed)
-    for name in NETWORKS:
-        if name != "georm" or settings.mesh is None:
-            checkpoints.read_header(settings.weights(name))  # What is missing is said before the work.
+    networks.check_weights(settings)  # What is missing is said before the work.
     with _running(settings), torch.inference_mode():
-        chosen = views.chosen()
-        if len(chosen.cameras) < len(views.cameras):
-            report.leave_out(f"{len(views.cameras) - len(chosen.cameras)} views", "their weight is 0")
-        views, frame = normalise(chosen.to(settings.device))
-        with report.stage("shape"):
+        with lower_if_short("the views", "give fewer or smaller ones"):
+            chosen = views.chosen()
+            if len(chosen.cameras) < len(views.cameras):
+                report.leave_out(f"{len(views.cameras) - len(chosen.cameras)} views", "their weight is 0")
+            views, frame = normalise(chosen.to(settings.device))
+        with report.stage("shape"), lower_if_short("the shape", "lower --grid or --quality"):
             if settings.mesh is None:
-                mesh = shape(views, settings, part(progress, 0.0, 0.4))
+                mesh = shape(views, settings, part(progress, 0.0, 0.4), report)
             else:
                 report.leave_out("reconstruction of the shape", f"{settings.mesh.name} is the shape")
                 mesh = read_mesh(settings.mesh).moved(frame.boxed)
-        with report.stage("unwrap"):
+        with report.stage("unwrap"), lower_if_short("unwrapping", "lower --faces"):
             mesh = atlas(mesh, settings, report, part(progress, 0.4, 0.6))
-        with report.stage("appearance"):
+        with report.stage("appearance"), lower_if_short("the material", "lower --texture-size"):
             material = appearance(mesh, views, settings, report, part(progress, 0.6, 0.95))
             if settings.mesh is not None and report.seen_share == 0.0:
                 raise EmptyMeshError(f"{settings.mesh}: no view sees it; bring it to where the object is in the views")
     mesh = mesh.moved(frame.restore)
     report.faces, report.charts, report.texture_size = len(mesh.faces), mesh.charts, material.albedo.shape[-1]
-    return RelightableAsset(views.name, mesh, material).to("cpu"), report
+    name = views.name
+    if settings.random_weights is not None:
+        report.leave_out("trained weights", f"--random-weights {settings.random_weights}: the asset means nothing")
+        name += "-random-weights"  # Objects and files say so, wherever they go.
+    return RelightableAsset(name, mesh, material).to("cpu"), report
 
 
-def shape(views: ViewSet, settings: Settings, progress: Progress = silent) -> TriangleMesh:
-    """GeoRM, its iso-surface, cleaned and reduced to the face budget (ARM, section 4.1)."""
-    progress(0.0, "GeoRM: reading the views")
-    network = _network("georm", settings)
-    encoded = network.encode(network_views(views, network.config))
-    _require_numbers(encoded.is_finite, "georm", views, settings)
+def shape(
+    views: ViewSet, settings: Settings, progress: Progress = silent, report: Report | None = None
+) -> TriangleMesh:
+    """GeoRM, its iso-surface, cleaned and reduced to the face budget (ARM, section 5.1)."""
+    report = report or Report(settings.preset, settings.device, settings.seed)
+    surface = _surface(views, settings, report, part(progress, 0.0, 0.8))
+    # By now the network's memory is free.
+    progress(0.8, "cleaning the mesh")
+    return decimate(clean(surface), settings.resolved.faces)
+
+
+def _surface(views: ViewSet, settings: Settings, report: Report, progress: Progress) -> TriangleMesh:
+    """Where GeoRM's density is that of the surface, as it comes out of the grid."""
+    field = density(views, settings, report, part(progress, 0.0, 0.25))
     config = IsosurfaceConfig(
         settings.resolved.grid, iso=0.0, dense=settings.dense, chunk=POINTS_AT_ONCE[settings.device]
     )
     try:
-        field = network.filled_logit(encoded, config.chunk)
-        surface = extract(field, config, part(progress, 0.2, 0.8), settings.device)
+        return extract(field, config, part(progress, 0.25, 1.0), settings.device)
     except EmptyMeshError as error:
         raise EmptyMeshError(f"{views.name}: {error}") from error
-    progress(0.8, "cleaning the mesh")
-    return decimate(clean(surface), settings.resolved.faces)
+
+
+def density(views: ViewSet, settings: Settings, report: Report, progress: Progress = silent) -> Density:
+    """GeoRM's logits, raised until they fill the silhouettes of normalised `views`; the surface is where they are 0."""
+    network, encoded = _encoded("georm", views, settings, report, progress)
+    chunk = POINTS_AT_ONCE[settings.device]
+    field = network.filled_logit(encoded, chunk)
+    return field if settings.random_weights is None else random_weights.dented_ball(field, chunk, settings.device)
+
+
+def _encoded(
+    name: Literal["georm", "glossyrm"], views: ViewSet, settings: Settings, report: Report, progress: Progress
+) -> tuple[GeoRM | GlossyRM, EncodedViews]:
+    """A reconstruction model, and what it decodes points from; float32 from here on."""
+    title = {"georm": "GeoRM", "glossyrm": "GlossyRM"}[name]
+    with lower_if_short(title, "give fewer views, or choose --preset small"):
+        progress(0.0, f"{title}: loading")
+        network = networks.load(name, settings)
+        progress(0.2, f"{title}: reading the views")
+        with networks.running(network, settings, report):
+            encoded = network.encode(network_views(views, network.config)).float()
+    _require_numbers(encoded.is_finite, name, views, settings)
+    return network, encoded
 
 
 def atlas(mesh: TriangleMesh | UvMesh, settings: Settings, report: Report, progress: Progress) -> UvMesh:
@@ -110,6 +133,7 @@ def atlas(mesh: TriangleMesh | UvMesh, settings: Settings, report: Report, progr
     if isinstance(mesh, UvMesh):
         report.leave_out("unwrapping", "the mesh brings its own UVs")
         return mesh
+    progress(0.0, "unwrapping")
     config = UnwrapConfig(texture_size=settings.resolved.texture_size, time_limit=settings.time_limit)
     unwrapped, packing = unwrap(mesh, config, progress)
     if packing != "xatlas":
@@ -118,7 +142,7 @@ def atlas(mesh: TriangleMesh | UvMesh, settings: Settings, report: Report, progr
 
 
 def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report, progress: Progress) -> MaterialMaps:
-    """Albedo and baked colour by InstantAlbedo, roughness and metallic by GlossyRM (ARM, sections 4.2 and 5)."""
+    """Albedo and baked colour by InstantAlbedo, roughness and metallic by GlossyRM (ARM, sections 5.1 to 5.3)."""
     size = texture_size_for(mesh, views, settings.resolved.texture_size)
     if size < settings.resolved.texture_size:
         report.leave_out(f"texels beyond {size} a side", "the views have no more pixels to fill them")
@@ -131,30 +155,44 @@ def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report,
     if report.seen_share == 1.0:
         report.leave_out("in-painting", "every texel was seen")
     base = maps.diffuse_fill(colors, known, texels)
-    progress(0.3, "InstantAlbedo")
-    painter = _network("instant_albedo", settings)
-    albedo, baked = painter(views.images, texels, seen, base)
-    finite = bool((albedo.isfinite() & baked.isfinite())[:, texels.mask].all())
-    _require_numbers(finite, "instant_albedo", views, settings)
-    progress(0.6, "GlossyRM")
+    albedo, baked = paint(views, texels, seen, base, settings, report, part(progress, 0.3, 0.6))
+    del seen, base, colors, weight
     roughness, metallic = gloss(mesh, views, texels, settings, report, part(progress, 0.6, 1.0))
     return MaterialMaps(maps.pad(albedo, texels.mask), maps.pad(baked, texels.mask), roughness, metallic)
+
+
+def paint(
+    views: ViewSet,
+    texels: TexelMap,
+    seen: TexelViews,
+    base: torch.Tensor,
+    settings: Settings,
+    report: Report,
+    progress: Progress,
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Albedo and baked colour (3, T, T) by InstantAlbedo, whose memory is free again afterwards."""
+    progress(0.0, "InstantAlbedo: loading")
+    network = networks.load("instant_albedo", settings)
+    progress(0.1, "InstantAlbedo")
+    with networks.running(network, settings, report):
+        albedo, baked = network(views.images, texels, seen, base)
+    finite = bool((albedo.isfinite() & baked.isfinite())[:, texels.mask].all())
+    _require_numbers(finite, "instant_albedo", views, settings)
+    return albedo, baked
 
 
 def gloss(
     mesh: UvMesh, views: ViewSet, texels: TexelMap, settings: Settings, report: Report, progress: Progress
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Roughness and metallic (1, T, T), decoded at the texels; small where the map is one value."""
-    network = _network("glossyrm", settings)
-    encoded = network.encode(network_views(views, network.config))
-    _require_numbers(encoded.is_finite, "glossyrm", views, settings)
+    network, encoded = _encoded("glossyrm", views, settings, report, part(progress, 0.0, 0.7))
     if len(texels.mask) > GLOSSY_TEXELS:
         texels = texel_map(mesh, GLOSSY_TEXELS)
     points = texels.position[:, texels.mask].T
     chunks = points.split(POINTS_AT_ONCE[settings.device])
     values = []
     for index, chunk in enumerate(chunks):
-        progress(index / len(chunks), "GlossyRM: decoding texels")
+        progress(0.7 + 0.3 * index / len(chunks), "GlossyRM: decoding texels")
         values.append(network(encoded, chunk[None])[0])
     glossy = texels.position.new_zeros(2, *texels.mask.shape)
     glossy[:, texels.mask] = torch.cat(values).T
@@ -166,20 +204,6 @@ def gloss(
             image = image.new_full((1, maps.CONSTANT_SIDE, maps.CONSTANT_SIDE), constant)
         result.append(image)
     return result[0], result[1]
-
-
-@functools.lru_cache(maxsize=3)
-def _load(path: Path, name: str, device: str) -> nn.Module:
-    """A network with its weights, ready to run; the next item of a batch finds it loaded."""
-    network, config_type = NETWORKS[name]
-    config, state = checkpoints.load(path, config_type)
-    module = network(config)
-    checkpoints.restore(module, state, path)
-    return module.to(device).eval().requires_grad_(False)
-
-
-def _network(name: str, settings: Settings) -> nn.Module:
-    return _load(settings.weights(name), name, settings.device)
 
 
 def _require_numbers(finite: bool, network: str, views: ViewSet, settings: Settings) -> None:

@@ -45,6 +45,33 @@ def seconds_of(call: Callable[[], object]) -> float:
     return time.perf_counter() - start
 
 
+def cpu_seconds() -> float:
+    """Of this process and of its ended children so far, all cores together: what other work on the machine does not
+    change."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+class PeakMemory:
+    """The highest resident size of this process since the last `reset`, or since its start where none can be made."""
+
+    def reset(self) -> None:
+        """Count anew from here; Linux alone can."""
+        place = Path("/proc/self/clear_refs")
+        if place.exists():
+            place.write_text("5")
+
+    def gib(self) -> float:
+        """Files that are mapped count where they have been read."""
+        status = Path("/proc/self/status")
+        if status.exists():
+            line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+            return int(line.split()[1]) / 2**20  # KiB
+        import resource
+
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**30  # macOS counts bytes.
+
+
 def machine() -> str:
     """Processor, cores, threads and versions."""
     info = Path("/proc/cpuinfo")

@@ -5,12 +5,11 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from arm_blender import checkpoints
+from arm_blender import pipeline
 from arm_blender.config import Settings
 from arm_blender.graphics.isosurface import IsosurfaceConfig, extract
 from arm_blender.graphics.sample_grid import Density
-from arm_blender.models.georm import GeoRM
-from arm_blender.models.reconstruction import ReconstructionConfig, network_views
+from arm_blender.report import Report
 from arm_blender.structures import TriangleMesh
 from arm_blender.uv.decimate import clean, decimate
 from arm_blender.views import load_views
@@ -32,13 +31,10 @@ def wavy_ball(faces: int) -> TriangleMesh:
 
 def example_density() -> Density:
     """The density that the shipped `small` GeoRM finds in the example's views; its surface is at 0."""
-    config, state = checkpoints.load(Settings().weights("georm"), ReconstructionConfig)
-    network = GeoRM(config)
-    checkpoints.restore(network, state, EXAMPLE)
     views, _ = normalise(load_views(EXAMPLE))
+    settings = Settings()
     with torch.inference_mode():
-        encoded = network.eval().encode(network_views(views, config))
-        return network.filled_logit(encoded, 2**14)
+        return pipeline.density(views, settings, Report(settings.preset, settings.device, settings.seed))
 
 
 def example_mesh(density: Density, faces: int) -> TriangleMesh:

@@ -1,6 +1,7 @@
 """What the benchmarks measure with: known atlases have known numbers, and the plain way agrees with ours."""
 
 import math
+from pathlib import Path
 
 import pytest
 import torch
@@ -9,8 +10,9 @@ from arm_blender.graphics.rasterize import rasterize_uv
 from arm_blender.structures import UvMesh
 from benchmarks.atlas_quality import atlas_quality
 from benchmarks.bench_isosurface import hausdorff_cells
+from benchmarks.bench_paper import Stages
 from benchmarks.bench_rasterize import bounding_boxes
-from benchmarks.measure import machine
+from benchmarks.measure import PeakMemory, machine
 from benchmarks.shapes import wavy_ball
 
 SQUARE = torch.tensor([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
@@ -64,6 +66,27 @@ def test_the_distance_of_a_moved_mesh_is_counted_in_cells():
     moved = type(mesh)(mesh.vertices + torch.tensor([0.001, 0.0, 0.0]), mesh.faces)
     assert hausdorff_cells(mesh, mesh, 65) == 0.0
     assert hausdorff_cells(mesh, moved, 65) == pytest.approx(0.032, rel=0.01)
+
+
+@pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="Linux alone counts anew")
+def test_the_peak_of_memory_is_that_since_the_last_reset():
+    memory = PeakMemory()
+    memory.reset()
+    before = memory.gib()
+    block = torch.ones(2**26)
+    assert memory.gib() - before == pytest.approx(0.25, abs=0.02)
+    del block
+    memory.reset()
+    assert memory.gib() - before < 0.02
+
+
+def test_each_message_is_a_stage_until_the_next_one(monkeypatch):
+    now = iter([2.0, 5.0])
+    monkeypatch.setattr("benchmarks.bench_paper.time.perf_counter", lambda: next(now))
+    stages = Stages(start=0.0)
+    for message in ("sampling", "sampling", "sampling", "marching"):
+        stages(0.5, message)
+    assert [(stage.name, stage.seconds) for stage in stages.rows] == [("the views", 2.0), ("sampling", 3.0)]
 
 
 def test_the_machine_is_stated():

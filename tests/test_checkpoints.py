@@ -135,6 +135,15 @@ def test_config_of_another_version_is_refused(path):
         checkpoints.load(path, shrunk)
 
 
+def test_a_network_built_without_memory_takes_the_tensors_themselves(path):
+    _, state = checkpoints.load(path, OuterConfig)
+    with torch.device("meta"):
+        target = nn.Sequential(nn.Linear(3, 5), nn.BatchNorm1d(5))
+    checkpoints.restore(target, state, path)
+    for key, tensor in target.state_dict().items():
+        assert tensor.data_ptr() == state[key].data_ptr(), key
+
+
 def test_restore_takes_every_key_or_none(path):
     _, state = checkpoints.load(path, OuterConfig)
     target = nn.Sequential(nn.Linear(3, 5), nn.BatchNorm1d(5))

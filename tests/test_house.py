@@ -22,11 +22,14 @@ LAYERS = [  # A module imports from its own layer and from earlier ones.
         "weights_registry",
         "progress",
         "threads",
+        "memory",
+        "precision",
         "structures",
         "graphics",
     },  # structures holds cameras, and graphics fills structures.
     {"models", "uv", "views", "checkpoints"},
     {"config", "report", "export", "weights_import", "weights_install"},
+    {"networks"},
     {"pipeline"},
     {"blender", "commands", "__main__", "__init__"},
 ]

@@ -7,7 +7,7 @@ import pytest
 import torch
 import trimesh
 
-from arm_blender import checkpoints, pipeline
+from arm_blender import checkpoints, networks, pipeline
 from arm_blender.config import Settings
 from arm_blender.errors import ArmError, Cancelled, CheckpointError, EmptyMeshError
 from arm_blender.graphics.cameras import project
@@ -127,7 +127,7 @@ def test_a_mesh_that_no_view_sees_is_named(views, tmp_path):
 @pytest.mark.parametrize("missing", ["georm", "glossyrm", "instant_albedo"])
 def test_missing_weights_are_known_before_the_work(views, tmp_path, monkeypatch, missing):
     real = Settings.weights
-    there = {name: real(QUICK, name) for name in pipeline.NETWORKS} | {missing: tmp_path / "gone.safetensors"}
+    there = {name: real(QUICK, name) for name in networks.NETWORKS} | {missing: tmp_path / "gone.safetensors"}
     monkeypatch.setattr(Settings, "weights", lambda _, name: there[name])
     report = Report("small", "cpu", 0)
     with pytest.raises(CheckpointError, match="gone.safetensors"):

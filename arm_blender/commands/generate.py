@@ -49,9 +49,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     networks.add_argument("--grid", type=int, metavar="N", help="samples of the density along a side of the box")
     networks.add_argument("--dense", action="store_true", help="sample the density everywhere")
     networks.add_argument("--device", default="cpu", help="cpu, cuda or mps (default: cpu)")
+    networks.add_argument("--precision", default="auto", help="of the networks: auto, float32 or bfloat16")
     networks.add_argument("--threads", type=int, metavar="N", help="of the CPU")
     networks.add_argument("--time-limit", type=float, metavar="S", help="seconds that unwrapping may take")
     networks.add_argument("--seed", type=int, default=0, metavar="N")
+    networks.add_argument(
+        "--random-weights", type=int, metavar="N", help="for tests: of this seed; the result is noise"
+    )
     views = parser.add_argument_group("views")
     views.add_argument("--rig", default="zero123plus-v1.2", help="of six images without cameras")
     views.add_argument("--rig-distance", type=float, default=4.0, metavar="D", help="of that rig (default: 4)")
@@ -153,7 +157,7 @@ def settings_of(args: argparse.Namespace) -> Settings:
     """
     from ..config import Settings
 
-    names = "preset quality texture_size faces grid dense seed device threads blend mesh"
+    names = "preset quality texture_size faces grid dense seed device threads blend mesh precision random_weights"
     values = {name: getattr(args, name) for name in names.split()}
     if args.time_limit is not None:
         values["time_limit"] = args.time_limit

@@ -86,6 +86,7 @@ def crossed_edges(
     """
     with torch.no_grad():
         samples = sample_blocks(density, config, progress, torch.device(device))
+        progress(1.0, "Marching cubes")
         keys, faces = _triangles(samples)
         if not len(faces):
             raise EmptyMeshError(_nothing_found(samples, config))

@@ -19,13 +19,13 @@ class FfcConfig:
     """The generator at the paper's size: 3 down, 4 residual blocks at 512 channels, 3 up."""
 
     width: int = 64
-    """Channels after the stem; each halving of the resolution doubles them."""
+    """Channels after the stem; each halving of the resolution doubles them (paper: 512 in the residual blocks)."""
     downs: int = 3
-    """Halvings. Input sizes are multiples of 2**downs."""
+    """Halvings (paper: 3). Input sizes are multiples of 2**downs."""
     blocks: int = 4
-    """Residual Fourier blocks at the bottom."""
+    """Residual Fourier blocks at the bottom (paper: 4)."""
     ratio: float = 0.75
-    """Share of channels in the global (spectral) branch."""
+    """Share of channels in the global (spectral) branch; unstated in the paper, 0.75 is LaMa's."""
     norm: Norm = "group"
     """Batch statistics are poor at batch 1 over a mostly empty atlas; "batch" is for published weights."""
 

@@ -1,4 +1,4 @@
-"""GeoRM: views to a density whose iso-surface is the object (ARM, section 4.1)."""
+"""GeoRM: views to a density whose iso-surface is the object (ARM, section 5.1)."""
 
 import math
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from .silhouette_fill import CARVED, fill
 from .visual_hull import hull_vote
 
 ISO_DENSITY = 10.0
-"""Density at the surface (InstantMesh)."""
+"""Density at the surface; unstated in the paper, 10 is InstantMesh's, as is the softplus."""
 
 RAW_ISO = 1.0 + math.log(math.expm1(ISO_DENSITY))
 """The raw value whose density, softplus(raw - 1), is `ISO_DENSITY`."""

@@ -1,4 +1,4 @@
-"""GlossyRM: views to roughness and metallic over the surface (ARM, section 4.2).
+"""GlossyRM: views to roughness and metallic over the surface (ARM, section 5.1).
 
 The architecture of GeoRM, and its weights to start from; decoded per texel at inference, per vertex in training.
 """
@@ -9,7 +9,10 @@ from .reconstruction import EncodedViews, NetworkViews, ReconstructionConfig, Re
 
 
 class GlossyRM(nn.Module):
-    """`encode` views once, then ask for roughness and metallic at surface points."""
+    """`encode` views once, then ask for roughness and metallic at surface points.
+
+    The paper does not say what bounds the two: a sigmoid does.
+    """
 
     def __init__(self, config: ReconstructionConfig) -> None:
         super().__init__()

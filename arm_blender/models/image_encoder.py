@@ -17,15 +17,15 @@ class ImageEncoderConfig:
     """The paper's encoder: DINO's ViT-B/16 at 320 pixels."""
 
     image_size: int = 320
-    """Pixels a side that views are resized to."""
+    """Pixels a side that views are resized to; unstated in the paper, 320 is what Zero123++ draws."""
     patch_size: int = 16
-    """Pixels a side of a token."""
+    """Pixels a side of a token; unstated in the paper (its ViT-B/8 is the material's), 16 is InstantMesh's."""
     position_grid: int = 14
     """Tokens a side of the stored position embedding; interpolated to the image's grid. 14 is DINO's (224 / 16)."""
     width: int = 768
     """Channels of a token (paper: 768)."""
     depth: int = 12
-    """Layers; ViT-B has 12."""
+    """Layers; ViT-B has 12, and an MLP four times as wide as a token."""
     heads: int = 12
     """Attention heads; ViT-B has 12."""
     mean: tuple[float, float, float] = (0.485, 0.456, 0.406)
@@ -100,8 +100,9 @@ class ImageEncoder(nn.Module):
         )
         self.blocks = nn.ModuleList(ModulatedBlock(config.width, config.heads) for _ in range(config.depth))
         self.norm = nn.LayerNorm(config.width, eps=1e-12)
-        self.register_buffer("mean", torch.tensor(config.mean).view(1, 3, 1, 1), persistent=False)
-        self.register_buffer("std", torch.tensor(config.std).view(1, 3, 1, 1), persistent=False)
+        # Of the configuration, not of the weights: there even in a module that is built without memory.
+        for name, values in (("mean", config.mean), ("std", config.std)):
+            self.register_buffer(name, torch.tensor(values, device="cpu").view(1, 3, 1, 1), persistent=False)
 
     def interpolated_position(self, rows: int, columns: int) -> Tensor:
         """(1, 1 + rows * columns, D). DINO interpolates by scale factor with an offset of 0.1, not by size."""

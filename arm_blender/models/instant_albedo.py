@@ -41,9 +41,9 @@ class InstantAlbedoConfig:
     ffc: FfcConfig = FfcConfig()
     """Completes the fused atlas."""
     resolution: int | None = None
-    """Texels a side that the networks run at; None is the atlas's own. Finer than this the corrections are smooth."""
+    """Texels a side that the networks run at; None is the atlas's own, as in the paper. Corrections are smoother."""
     residual: bool = False
-    """Predict corrections of the blended views, not colours."""
+    """Predict corrections of the blended views, not colours; the paper predicts colours."""
 
     @property
     def multiple(self) -> int:
@@ -108,7 +108,7 @@ class InstantAlbedo(nn.Module):
         if self.config.residual:
             known_base = torch.where(texels.mask, base, base.new_zeros(()))
             inputs += [surface[:1], srgb_from_linear(_mean(known_base, surface[:1]))]
-        predicted = self.ffc(torch.cat(inputs)[None])[0]  # (6, n, n)
+        predicted = self.ffc(torch.cat(inputs)[None])[0].float()  # (6, n, n)
         if self.config.residual:
             gain = _enlarge(_LOG_GAIN * torch.tanh(predicted / _LOG_GAIN), surface[:1], side)
             # What a view sees is the baked colour; only what no view sees is the network's to say.
@@ -122,16 +122,15 @@ class InstantAlbedo(nn.Module):
     def _fuse_views(self, images: Tensor, texels: TexelMap, seen: TexelViews, surface: Tensor) -> tuple[Tensor, Tensor]:
         """(C, n, n) features, the maximum over the views that see a texel, 0 where none does; (1, n, n) any-seen."""
         resolution = surface.shape[-1]
-        materials = self.encoder(composite(srgb_from_linear(images[:, :3]), images[:, 3:], 1.0))
-        lowest = torch.finfo(materials.dtype).min
+        size = (images.shape[-1], images.shape[-2])
         fused, known = None, surface.new_zeros(1, resolution, resolution)
         # One view after the other: all of them at once would multiply the memory by V.
-        for view in range(len(images)):
-            size = (images.shape[-1], images.shape[-2])
-            inputs = self._view_inputs(seen, view, texels, surface, materials[view], size)
+        for view, image in enumerate(images):
+            material = self.encoder(composite(srgb_from_linear(image[:3]), image[3:], 1.0)[None])[0]
+            inputs = self._view_inputs(seen, view, texels, surface, material, size)
             visible = inputs[3:4]
             features = self.unet(inputs[None])[0]
-            features = _resize(features, resolution).masked_fill(visible == 0, lowest)
+            features = _resize(features, resolution).masked_fill(visible == 0, torch.finfo(features.dtype).min)
             fused = features if fused is None else torch.maximum(fused, features)
             known = torch.maximum(known, visible)
         return fused.masked_fill(known == 0, 0.0), known

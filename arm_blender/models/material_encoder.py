@@ -20,7 +20,7 @@ _FACTORS = (4, 2, 1, 1)
 
 @dataclass(frozen=True)
 class MaterialEncoderConfig:
-    """The paper's encoder: ViT-B/8 at 512 pixels."""
+    """The paper's encoder, a ViT-B/8 under a cascade; the numbers that it leaves out are Materialistic's."""
 
     vit: VitConfig = VitConfig()
     """The transformer under the cascade."""
@@ -31,7 +31,7 @@ class MaterialEncoderConfig:
     channels: int = 256
     """Width of the cascade."""
     out_channels: int = 32
-    """Features per pixel. 256 would take 6.4 GB for six atlases of 1024 texels a side."""
+    """Features per pixel; ours. Materialistic's 256 would take 6.4 GB for six atlases of 1024 texels a side."""
 
 
 class Context(nn.Module):
@@ -88,8 +88,9 @@ class MaterialEncoder(nn.Module):
         self.contexts = nn.ModuleList(Context(config.vit.dim, config.channels, factor) for factor in _FACTORS)
         self.fusions = nn.ModuleList(Fusion(config.channels, 1 if k == 3 else 2, joins=k < 3) for k in range(4))
         self.head = nn.Conv2d(config.channels, config.out_channels, 1)
-        self.register_buffer("mean", torch.tensor(_MEAN).view(3, 1, 1), persistent=False)
-        self.register_buffer("std", torch.tensor(_STD).view(3, 1, 1), persistent=False)
+        # Constants, not weights: there even in a module that is built without memory.
+        self.register_buffer("mean", torch.tensor(_MEAN, device="cpu").view(3, 1, 1), persistent=False)
+        self.register_buffer("std", torch.tensor(_STD, device="cpu").view(3, 1, 1), persistent=False)
 
     def forward(self, images: Tensor) -> Tensor:
         """Features of images.

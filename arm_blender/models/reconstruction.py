@@ -1,4 +1,4 @@
-"""The large reconstruction model that GeoRM and GlossyRM share: views to a field over the box (ARM, section 4).
+"""The large reconstruction model that GeoRM and GlossyRM share: views to a field over the box (ARM, section 5.1).
 
 `config.pixel_aligned` is None in the paper's configuration; `small` adds it (see pixel_aligned.py).
 """

@@ -9,7 +9,11 @@ from torch.nn import functional as F
 
 @dataclass(frozen=True)
 class TransformerConfig:
-    """The paper's transformer (table 4)."""
+    """The paper's transformer (table 4).
+
+    What the table leaves out is InstantMesh's: cross-attention before self-attention, no biases in either, an MLP four
+    times as wide with GELU, norms before each.
+    """
 
     width: int = 1024
     """Channels of a plane token (paper: 1024)."""

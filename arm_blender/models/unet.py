@@ -17,7 +17,7 @@ class UnetConfig:
     widths: tuple[int, ...] = (64, 128, 256, 512)
     """Channels of each level, fine to coarse."""
     out_channels: int = 64
-    """Features per texel and view that the views are pooled over."""
+    """Features per texel and view that the views are pooled over; ours."""
     stem_stride: int = 1
     """2 runs every level at half the resolution: a quarter of the time for smooth outputs."""
 

@@ -1,4 +1,5 @@
-"""`python -m training left-out`: what the pipeline skips where a scene does not need it, read from its own reports."""
+"""`python -m training left-out`: what the pipeline skips where a scene does not need it: as its own reports say, and
+where it does not sample the density."""
 
 import argparse
 import tempfile
@@ -11,9 +12,13 @@ import trimesh
 
 from arm_blender import pipeline
 from arm_blender.config import PRESETS, Settings
+from arm_blender.graphics.isosurface import extract
+from arm_blender.graphics.sample_grid import IsosurfaceConfig
+from arm_blender.report import Report
 from arm_blender.structures import ViewSet
+from arm_blender.views.scene_frame import normalise
 
-from .objects import evaluation_objects
+from .objects import EvaluationObject, evaluation_objects
 from .results import markdown_table, paragraphs, write_text
 
 
@@ -27,7 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Generate from every variant of the first object's views and write what each report left out."""
-    item = evaluation_objects(args.views)[0]
+    items = evaluation_objects(args.views)
+    item = items[0]
     views, settings = item.views(), Settings(preset=args.preset, device=args.device)
     pipeline.generate(views, settings)  # Loads the weights, so that no variant is charged for it.
     rows = [row(title, variant, settings) for title, variant in variants(views)]
@@ -40,6 +46,11 @@ def run(args: argparse.Namespace) -> int:
         "The report of every run says which work was skipped and why. These are variants of one object's six views "
         f"(`{views.name}`).",
         markdown_table(["views", "left out", "seconds", "texels a side"], rows),
+        f"The density is sampled where its surface can be. On a grid of {settings.resolved.grid}³, for each evaluation "
+        "object's six views, beside every sample (`--dense`):",
+        markdown_table(
+            ["object", "samples", "of all", "faces", "missed faces"], [sampling(i, settings) for i in items]
+        ),
         f"Made by `{args.command}`.",
     )
     write_text(args.output, text)
@@ -52,6 +63,26 @@ def row(title: str, views: ViewSet, settings: Settings) -> list[object]:
     asset, report = pipeline.generate(views, settings)
     reasons = "<br>".join(f"{left.what}: {left.why}" for left in report.left_out) or "nothing"
     return [title, reasons, f"{sum(report.seconds.values()):.1f}", asset.maps.albedo.shape[-1]]
+
+
+def sampling(item: EvaluationObject, settings: Settings) -> list[object]:
+    """One line of the second table: samples taken, and faces of the dense surface that the sparse one has not."""
+    views, _ = normalise(item.views())
+    faces, asked = [], []
+    with torch.inference_mode():
+        field = pipeline.density(views, settings, Report(settings.preset, settings.device, settings.seed))
+
+        def counted(points: torch.Tensor) -> torch.Tensor:
+            asked[-1] += len(points)
+            return field(points)
+
+        for dense in (False, True):
+            asked.append(0)
+            chunk = pipeline.POINTS_AT_ONCE[settings.device]
+            config = IsosurfaceConfig(settings.resolved.grid, iso=0.0, dense=dense, chunk=chunk)
+            faces.append(len(extract(counted, config, device=settings.device).faces))
+    missed = f"{1.0 - faces[0] / faces[1]:.3%}"
+    return [item.name, f"{asked[0]:,}", f"{asked[0] / asked[1]:.1%}", f"{faces[1]:,}", missed]
 
 
 def variants(views: ViewSet) -> Iterator[tuple[str, ViewSet]]:

@@ -1,4 +1,4 @@
-"""GlossyRM: roughness and metallic at surface points, GeoRM's weights to start from (ARM, section 4.2, equation 4).
+"""GlossyRM: roughness and metallic at surface points, GeoRM's weights to start from (ARM, section 6, equation 3).
 
 The paper compares rendered maps (squared error, LPIPS, SSIM); here the squared error is taken at points of the true
 surface, which needs no rendering and no pretrained LPIPS.

@@ -1,0 +1,107 @@
+"""The three networks of a run: found, given their weights, and kept for the next item of a batch or dropped after use.
+
+A network is built without memory (on the meta device) and takes over the tensors of its file, which are mapped, not
+read: nothing is there twice. Large ones are not kept, so that a run's peak is its largest network, not their sum.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import torch
+from torch import nn
+
+from . import checkpoints
+from .config import PRESETS, Settings
+from .models.georm import GeoRM
+from .models.glossyrm import GlossyRM
+from .models.instant_albedo import InstantAlbedo, InstantAlbedoConfig
+from .models.random_weights import random_state
+from .models.reconstruction import ReconstructionConfig
+from .precision import chosen, running_in
+from .report import Report
+
+NETWORKS: dict[str, tuple[type[nn.Module], type]] = {
+    "georm": (GeoRM, ReconstructionConfig),
+    "glossyrm": (GlossyRM, ReconstructionConfig),
+    "instant_albedo": (InstantAlbedo, InstantAlbedoConfig),
+}
+"""Each network and the config that its checkpoint carries."""
+
+LARGE = 2**25
+"""Parameters from which on a network is read anew for each item of a batch, and may run in bfloat16. The largest of
+`small` has 3 million, the smallest of `paper` 120 million."""
+
+_KEPT_AT_MOST = 3
+
+_kept: dict[tuple[str, Path, str], nn.Module] = {}
+
+
+def check_weights(settings: Settings) -> None:
+    """That every file that the run is going to need is there.
+
+    Raises:
+        CheckpointError: one is missing or none of ours.
+    """
+    if settings.random_weights is not None:
+        return
+    for name in NETWORKS:
+        if name != "georm" or settings.mesh is None:
+            checkpoints.read_header(settings.weights(name))
+
+
+def load(name: str, settings: Settings) -> nn.Module:
+    """A network with its weights, ready to run; the caller holds the only reference to a large one.
+
+    Args:
+        name: "georm", "glossyrm" or "instant_albedo".
+        settings: whose preset, device and random weights count.
+    Raises:
+        CheckpointError: the weights are missing, damaged, or made for another model.
+    """
+    if settings.random_weights is not None:
+        return _ready(_with_random_weights(name, settings), settings.device)
+    path = settings.weights(name)
+    key = (name, path, settings.device)
+    if key in _kept:
+        return _kept[key]
+    network, config_type = NETWORKS[name]
+    config, state = checkpoints.load(path, config_type)
+    with torch.device("meta"):
+        module = network(config)
+    checkpoints.restore(module, state, path)
+    module = _ready(module, settings.device)
+    if not is_large(module):
+        while len(_kept) >= _KEPT_AT_MOST:
+            del _kept[next(iter(_kept))]
+        _kept[key] = module
+    return module
+
+
+@contextmanager
+def running(module: nn.Module, settings: Settings, report: Report) -> Iterator[None]:
+    """The precision in which a network is run; the report says where it is not float32."""
+    dtype = chosen(settings.precision, settings.device, is_large(module))
+    if dtype != torch.float32:
+        why = f"{settings.device} multiplies bfloat16 faster; --precision float32 keeps it"
+        report.leave_out(f"float32 in {type(module).__name__}", why if settings.precision == "auto" else "as asked for")
+    with running_in(dtype, settings.device):
+        yield
+
+
+def is_large(module: nn.Module) -> bool:
+    """Whether a network has `LARGE` parameters or more."""
+    return sum(parameter.numel() for parameter in module.parameters()) >= LARGE
+
+
+def _with_random_weights(name: str, settings: Settings) -> nn.Module:
+    preset = PRESETS[settings.preset]
+    with torch.device("meta"):
+        module = NETWORKS[name][0](getattr(preset, name))
+    # One seed for all: GlossyRM begins with GeoRM's weights, as its training does.
+    module.load_state_dict(random_state(module, settings.random_weights), assign=True)
+    return module
+
+
+def _ready(module: nn.Module, device: str) -> nn.Module:
+    return module.to(device).eval().requires_grad_(False)
