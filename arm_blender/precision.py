@@ -4,6 +4,7 @@ bfloat16 has the range of float32 and 8 bits of mantissa: nothing overflows, and
 Transforms, the decoding of points and all shading stay in float32.
 """
 
+from contextlib import AbstractContextManager, nullcontext
 from typing import Literal
 
 import torch
@@ -39,6 +40,7 @@ def chosen(precision: PrecisionName, device: str, large: bool) -> torch.dtype:
     return getattr(torch, precision)
 
 
-def running_in(dtype: torch.dtype, device: str) -> torch.autocast:
+def running_in(dtype: torch.dtype, device: str) -> AbstractContextManager:
     """A context in which networks with float32 weights run in `dtype`."""
-    return torch.autocast(device, dtype=torch.bfloat16, enabled=dtype != torch.float32)
+    # Not every device and version of torch knows autocast, not even one that is switched off.
+    return nullcontext() if dtype == torch.float32 else torch.autocast(device, dtype=dtype)

@@ -293,6 +293,8 @@ def test_missing_weights_are_one_line(picture, tmp_path, capsys, monkeypatch):
         ["generate", "VIEWS", "--output", "OUT", "--threads", "-1"],
         ["generate", "VIEWS", "--output", "OUT", "--seed", "-1"],
         ["generate", "VIEWS", "--output", "OUT", "--seed", "99999999999999999999"],
+        ["generate", "VIEWS", "--output", "OUT", "--random-weights", "-1"],
+        ["generate", "VIEWS", "--output", "OUT", "--precision", "half"],
         ["generate", "VIEWS", "--output", "OUT", "--device", "tpu"],
         ["generate", "VIEWS", "--output", "OUT", "--device", "cuda:0"],
         ["generate", "VIEWS", "--output", "OUT", "--view-weights", "1,-1"],
