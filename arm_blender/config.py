@@ -86,8 +86,6 @@ class Settings:
     """Seconds that unwrapping may take before charts are packed without xatlas."""
     blend: BlendName = "robust"
     """How views that see the same texel share it (`BLENDS`)."""
-    mesh: Path | None = None
-    """A mesh of the user's: it keeps its shape, and its UVs if it has them."""
 
     def __post_init__(self) -> None:
         for name, value, known in (

@@ -17,14 +17,13 @@ from .models.georm import GeoRM
 from .models.glossyrm import GlossyRM
 from .models.instant_albedo import InstantAlbedo, InstantAlbedoConfig
 from .models.reconstruction import ReconstructionConfig, network_views
-from .progress import Progress, part, silent
+from .progress import SHARES, Progress, part, silent
 from .report import Report
 from .structures import MaterialMaps, RelightableAsset, TexelMap, TriangleMesh, UvMesh, ViewSet
 from .threads import cpu_threads
 from .uv import maps
 from .uv.backproject import BLENDS, backproject, blend, texture_size_for
 from .uv.decimate import clean, decimate
-from .uv.mesh_file import read_mesh
 from .uv.texels import texel_map
 from .uv.unwrap import UnwrapConfig, unwrap
 from .views.scene_frame import normalise
@@ -47,7 +46,11 @@ POINTS_AT_ONCE = {"cpu": 2**14, "cuda": 2**18, "mps": 2**17}
 
 
 def generate(
-    views: ViewSet, settings: Settings, progress: Progress = silent, report: Report | None = None
+    views: ViewSet,
+    settings: Settings,
+    progress: Progress = silent,
+    report: Report | None = None,
+    mesh: TriangleMesh | UvMesh | None = None,
 ) -> tuple[RelightableAsset, Report]:
     """Reconstruct the object in `views`.
 
@@ -56,14 +59,17 @@ def generate(
         settings: what to make of them.
         progress: told of every stage; it may raise `Cancelled`.
         report: continued, if loading has begun one.
+        mesh: of the user's, in the views' frame: it keeps its shape, and its UVs if it has them; only its appearance
+            is made. None has the shape reconstructed.
     Returns:
         The asset, in the cameras' frame, and the report.
     Raises:
-        ArmError: the input does not do, weights are missing, or the density has no surface.
+        ArmError: the input does not do, weights are missing, the density has no surface, or no view sees `mesh`.
     """
+    given = mesh is not None
     report = report or Report(settings.preset, settings.device, settings.seed)
     for name in NETWORKS:
-        if name != "georm" or settings.mesh is None:
+        if name != "georm" or not given:
             checkpoints.read_header(settings.weights(name))  # What is missing is said before the work.
     with _running(settings), torch.inference_mode():
         chosen = views.chosen()
@@ -71,17 +77,17 @@ def generate(
             report.leave_out(f"{len(views.cameras) - len(chosen.cameras)} views", "their weight is 0")
         views, frame = normalise(chosen.to(settings.device))
         with report.stage("shape"):
-            if settings.mesh is None:
-                mesh = shape(views, settings, part(progress, 0.0, 0.4))
+            if given:
+                report.leave_out("reconstruction of the shape", "the shape is given")
+                mesh = mesh.to(settings.device).moved(frame.boxed)
             else:
-                report.leave_out("reconstruction of the shape", f"{settings.mesh.name} is the shape")
-                mesh = read_mesh(settings.mesh).moved(frame.boxed)
+                mesh = shape(views, settings, part(progress, *SHARES["shape"]))
         with report.stage("unwrap"):
-            mesh = atlas(mesh, settings, report, part(progress, 0.4, 0.6))
+            mesh = atlas(mesh, settings, report, part(progress, *SHARES["unwrap"]))
         with report.stage("appearance"):
-            material = appearance(mesh, views, settings, report, part(progress, 0.6, 0.95))
-            if settings.mesh is not None and report.seen_share == 0.0:
-                raise EmptyMeshError(f"{settings.mesh}: no view sees it; bring it to where the object is in the views")
+            material = appearance(mesh, views, settings, report, part(progress, *SHARES["appearance"]))
+            if given and report.seen_share == 0.0:
+                raise EmptyMeshError(f"{views.name}: no view sees the given mesh; bring it to where the object is")
     mesh = mesh.moved(frame.restore)
     report.faces, report.charts, report.texture_size = len(mesh.faces), mesh.charts, material.albedo.shape[-1]
     return RelightableAsset(views.name, mesh, material).to("cpu"), report

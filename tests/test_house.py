@@ -25,7 +25,7 @@ LAYERS = [  # A module imports from its own layer and from earlier ones.
     },  # structures holds cameras, and graphics fills structures.
     {"models", "uv", "views", "checkpoints"},
     {"config", "report", "export", "weights_import"},
-    {"pipeline"},
+    {"pipeline", "run"},
     {"blender", "commands", "__main__", "__init__"},
 ]
 OPTIONAL = {"diffusers", "transformers", "ray", "webdataset", "psutil", "resource"}

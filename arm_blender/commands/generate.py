@@ -14,6 +14,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from .. import run as run_of
 from ..errors import ArmError, InputImageError
 from ..files import check_output
 from ..progress import part
@@ -23,8 +24,8 @@ if TYPE_CHECKING:
     from ..config import Settings
     from ..progress import Progress
     from ..report import Report
-    from ..structures import RelightableAsset
-    from ..views import ViewOptions
+    from ..structures import RelightableAsset, ViewSet
+    from ..views import LeaveOut, ViewOptions
 
 LONGEST_NAME = 200
 """Bytes: with what files that are underway have around it, it stays below the 255 that file systems take."""
@@ -118,23 +119,24 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
         ArmError: as the stages.
     """
     check_output(args.output)
-    from ..report import Report
+    report = run_of.begin(args.preset, args.device, args.seed, progress)
+    from ..export import write_asset
+    from ..uv.mesh_file import read_mesh
+    from ..views import load_views
 
-    report = Report(args.preset, args.device, args.seed)
-    progress(0.0, "starting")
-    with report.stage("start"):  # Importing torch is most of it; the next item of a batch finds it done.
-        from .. import pipeline
-        from ..export import write_asset
-        from ..views import load_views
     settings, options = settings_of(args), view_options_of(args)
-    with report.stage("views"):
-        loaded = 0.05 if args.multiview == "none" else 0.5
-        views = load_views(args.views, options, part(progress, 0.0, loaded), report.leave_out)
-    if name is not None:
-        views = replace(views, name=name)
-    if len(os.fsencode(views.name)) > LONGEST_NAME:
-        raise InputImageError(f"{args.views}: the name is too long for the files made of it; rename it")
-    asset, report = pipeline.generate(views, settings, part(progress, loaded, 0.85), report)
+
+    def read_views(progress: Progress, left_out: LeaveOut) -> ViewSet:
+        views = load_views(args.views, options, progress, left_out)
+        if name is not None:
+            views = replace(views, name=name)
+        if len(os.fsencode(views.name)) > LONGEST_NAME:
+            raise InputImageError(f"{args.views}: the name is too long for the files made of it; rename it")
+        return views
+
+    own_mesh = None if args.mesh is None else lambda views: read_mesh(args.mesh)
+    drawing = 0.6 if args.multiview != "none" else run_of.LOADING_SHARE
+    asset = run_of.make(settings, read_views, own_mesh, part(progress, 0.0, 0.85), report, drawing)
     if args.place == "ground":
         asset = on_the_ground(asset)
 
@@ -153,7 +155,7 @@ def settings_of(args: argparse.Namespace) -> Settings:
     """
     from ..config import Settings
 
-    names = "preset quality texture_size faces grid dense seed device threads blend mesh"
+    names = "preset quality texture_size faces grid dense seed device threads blend"
     values = {name: getattr(args, name) for name in names.split()}
     if args.time_limit is not None:
         values["time_limit"] = args.time_limit
