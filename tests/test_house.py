@@ -24,7 +24,7 @@ LAYERS = [  # A module imports from its own layer and from earlier ones.
         "graphics",
     },  # structures holds cameras, and graphics fills structures.
     {"models", "uv", "views", "checkpoints"},
-    {"config", "quality_levels", "report", "export", "weights_import"},
+    {"config", "quality_levels", "report", "export", "placement", "weights_import"},
     {"pipeline", "run"},
     {"blender", "commands", "__main__", "__init__"},
 ]

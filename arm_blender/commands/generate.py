@@ -121,6 +121,7 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
     check_output(args.output)
     report = run_of.begin(args.preset, args.device, args.seed, progress)
     from ..export import write_asset
+    from ..placement import on_the_ground
     from ..uv.mesh_file import read_mesh
     from ..views import load_views
 
@@ -138,7 +139,7 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
     drawing = 0.6 if args.multiview != "none" else run_of.LOADING_SHARE
     asset = run_of.make(settings, read_views, own_mesh, part(progress, 0.0, 0.85), report, drawing)
     if args.place == "ground":
-        asset = on_the_ground(asset)
+        asset, _ = on_the_ground(asset)
 
     def add_blender_files(stage: Path) -> None:
         _write_blender_files(asset, stage, settings, args.preview, report, part(progress, 0.9, 0.99))
@@ -195,16 +196,6 @@ def view_options_of(args: argparse.Namespace) -> ViewOptions:
         )
     except ArmError as error:
         raise UsageError(str(error)) from error
-
-
-def on_the_ground(asset: RelightableAsset) -> RelightableAsset:
-    """The asset standing on z = 0, the middle of its bounding box over the origin."""
-    import torch
-
-    vertices = asset.mesh.vertices
-    low, high = vertices.amin(dim=0), vertices.amax(dim=0)
-    foot = torch.stack([(low[0] + high[0]) / 2.0, (low[1] + high[1]) / 2.0, low[2]])
-    return replace(asset, mesh=replace(asset.mesh, vertices=vertices - foot))
 
 
 def _write_blender_files(

@@ -134,6 +134,11 @@ def view_set(
     )
 
 
+def has_cameras(path: Path) -> bool:
+    """Whether the views at `path` come with cameras of their own; else they are assumed."""
+    return path.suffix.lower() == ".json" or (path / TRANSFORMS).is_file()
+
+
 def _unheard(what: str, why: str) -> None:
     """The `LeaveOut` that tells nobody."""
 
