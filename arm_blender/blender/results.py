@@ -6,6 +6,7 @@ import torch
 from ..errors import ArmError
 from ..placement import on_the_ground
 from ..version import VERSION
+from ..views.scene_frame import SceneFrame
 from .asset_preview import mark_as_asset
 from .generation import Generated, GenerationRequest
 from .request import stored_settings
@@ -22,7 +23,8 @@ def add_result(context: bpy.types.Context, made: Generated, wanted: GenerationRe
     asset, frame = made.asset, made.frame
     on_ground = settings.placement == "ground" and wanted.mesh is None
     if on_ground:
-        asset, frame = on_the_ground(asset, settings.size)
+        asset, stood = on_the_ground(asset, settings.size)
+        frame = SceneFrame(frame.restore(stood.center), frame.scale * stood.scale)  # First up to where it was.
     created = build_object(asset, _settings(made, wanted))
     if on_ground:
         cursor = context.scene.cursor.location

@@ -1,5 +1,6 @@
 """The operator behind a window: it polls, cancels on Esc, and lets go of everything in each way that it can end."""
 
+import re
 import threading
 import types
 
@@ -9,6 +10,7 @@ from arm_blender.errors import Cancelled
 
 bpy = pytest.importorskip("bpy")
 from arm_blender.blender import operators  # noqa: E402
+from arm_blender.blender.generation import GenerationRequest  # noqa: E402
 
 pytestmark = pytest.mark.blender
 
@@ -22,7 +24,7 @@ class Window:
     """What the operator asks of a window manager and a workspace, remembered."""
 
     def __init__(self):
-        self.arm = types.SimpleNamespace(fraction=0.0, message="")
+        self.arm = types.SimpleNamespace(fraction=0.0, message="", time="", error="")
         self.windows, self.timers, self.handlers, self.status = [], set(), [], None
 
     def event_timer_add(self, seconds, window):
@@ -51,26 +53,19 @@ def window() -> Window:
 
 
 @pytest.fixture
-def context(window, tmp_path):
-    settings = types.SimpleNamespace(
-        views_path=str(tmp_path),
-        preset="small",
-        quality="draft",
-        texture_size="AUTO",
-        faces=0,
-        seed=0,
-        placement="cameras",
-    )
-    scene = types.SimpleNamespace(arm=settings)
-    return types.SimpleNamespace(window_manager=window, window=None, workspace=window, scene=scene)
+def context(window):
+    return types.SimpleNamespace(window_manager=window, window=None, workspace=window)
 
 
 @pytest.fixture
-def operator(monkeypatch):
+def operator(monkeypatch, tmp_path):
     """The operator's own methods on a plain object: Blender makes instances of its classes for itself only."""
-    shown = types.SimpleNamespace(app=types.SimpleNamespace(background=False), path=bpy.path)
+    shown = types.SimpleNamespace(app=types.SimpleNamespace(background=False))
     monkeypatch.setattr(operators, "bpy", shown)
-    methods = {name: value for name, value in vars(operators.ARM_OT_generate).items() if callable(value)}
+    wanted = GenerationRequest(tmp_path, quality="draft")
+    monkeypatch.setattr(operators.request, "from_panel", lambda context, filepath: wanted)
+    classes = (operators._Run, operators.ARM_OT_generate)
+    methods = {name: value for cls in classes for name, value in vars(cls).items() if callable(value)}
     made = type("Driven", (), {**methods, "filepath": ""})()
     made.reports = []
     made.report = lambda kind, message: made.reports.append((kind, message))
@@ -102,7 +97,8 @@ def start(operator, context, work):
 
 def assert_all_is_released(window):
     assert not operators.is_running()
-    assert (window.timers, window.status, window.arm.fraction, window.arm.message) == (set(), None, 0.0, "")
+    assert (window.timers, window.status) == (set(), None)
+    assert (window.arm.fraction, window.arm.message, window.arm.time) == (0.0, "", "")
 
 
 def test_progress_reaches_the_panel_while_events_pass_through(operator, context, window, work):
@@ -111,6 +107,7 @@ def test_progress_reaches_the_panel_while_events_pass_through(operator, context,
     assert operator.modal(context, TIMER) == {"PASS_THROUGH"}
     assert (window.arm.fraction, window.arm.message) == (0.25, "a quarter")
     assert "Esc" in window.status
+    assert re.fullmatch(r"0:0\d, about \d+:\d\d left", window.arm.time)
     work.go_on.set()
     operator.cancel(context)
     assert_all_is_released(window)
@@ -119,7 +116,9 @@ def test_progress_reaches_the_panel_while_events_pass_through(operator, context,
 def test_escape_ends_at_the_next_report(operator, context, window, work):
     start(operator, context, work)
     assert operator.modal(context, ESCAPE) == {"RUNNING_MODAL"}
+    assert (window.arm.message, window.status) == ("Cancelling", "Cancelling")
     assert operator.modal(context, TIMER) == {"PASS_THROUGH"}, "the thread has not noticed yet"
+    assert window.arm.message == "Cancelling", "an older report must not hide it"
     work.go_on.set()
     assert operator._job.join(PATIENCE)
     assert operator.modal(context, TIMER) == {"CANCELLED"}
@@ -135,6 +134,7 @@ def test_a_failure_is_reported_and_releases_the_window(operator, context, window
     assert operator.modal(context, TIMER) == {"CANCELLED"}
     ((kind, message),) = operator.reports
     assert kind == {"ERROR"} and "shape (3, 4)" in message
+    assert window.arm.error == message
     assert_all_is_released(window)
 
 
@@ -153,8 +153,8 @@ def test_a_second_run_is_refused_while_one_runs(operator, context, window, work)
     start(operator, context, work)
     refused = []
     cls = types.SimpleNamespace(poll_message_set=refused.append)
-    assert operators.ARM_OT_generate.poll.__func__(cls, context) is False
+    assert operators._Run.poll.__func__(cls, context) is False
     assert refused == ["A generation is running"]
     work.go_on.set()
     operator.cancel(context)
-    assert operators.ARM_OT_generate.poll.__func__(cls, context) is True
+    assert operators._Run.poll.__func__(cls, context) is True
