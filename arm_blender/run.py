@@ -14,7 +14,6 @@ from .report import Report
 if TYPE_CHECKING:
     from .config import Settings
     from .structures import RelightableAsset, TriangleMesh, UvMesh, ViewSet
-    from .views import LeaveOut
 
 LOADING_SHARE = 0.05
 """Of the progress, where views are only read; the networks take the rest."""
@@ -31,7 +30,7 @@ def begin(preset: str, device: str, seed: int, progress: Progress) -> Report:
 
 def make(
     settings: Settings,
-    read_views: Callable[[Progress, LeaveOut], ViewSet],
+    read_views: Callable[[Progress, Report], ViewSet],
     read_mesh: Callable[[ViewSet], TriangleMesh | UvMesh] | None,
     progress: Progress,
     report: Report,
@@ -41,7 +40,7 @@ def make(
 
     Args:
         settings: of the pipeline.
-        read_views: is called with its own progress and with whom to tell what is not used.
+        read_views: is called with its own progress and with the report, for what is not used.
         read_mesh: gives a user's mesh in the frame of the views' cameras; None has the shape reconstructed.
         progress: of all of it.
         report: as `begin` made it.
@@ -54,7 +53,7 @@ def make(
     from . import pipeline
 
     with report.stage("views"):
-        views = read_views(part(progress, 0.0, loading_share), report.leave_out)
+        views = read_views(part(progress, 0.0, loading_share), report)
         mesh = None if read_mesh is None else read_mesh(views)
     asset, _ = pipeline.generate(views, settings, part(progress, loading_share, 1.0), report, mesh)
     return asset

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..progress import Progress
     from ..report import Report
     from ..structures import RelightableAsset, TriangleMesh, UvMesh, ViewSet
-    from ..views import LeaveOut, ViewOptions
+    from ..views import ViewOptions
     from ..views.multiview import View
     from ..views.scene_frame import SceneFrame
 
@@ -191,17 +191,17 @@ def view_of_camera(picture: CameraPicture) -> View:
     return View(path, cut_out, camera.resized(cut_out.shape[2], cut_out.shape[1]))
 
 
-def _views(request: GenerationRequest, progress: Progress, left_out: LeaveOut) -> ViewSet:
+def _views(request: GenerationRequest, progress: Progress, report: Report) -> ViewSet:
     from ..views import load_views, view_set
 
     if isinstance(request.views, Path):
         options = replace(view_options(request), weights=request.weights)
-        return load_views(request.views, options, progress, left_out)
+        return load_views(request.views, options, progress, report.leave_out)
     views = []
     for index, picture in enumerate(request.views):
         progress(index / len(request.views), f"reading {picture.name}")
         views.append(view_of_camera(picture))
-    return view_set(views, Path(request.name or "object"), request.weights, left_out)
+    return view_set(views, Path(request.name or "object"), request.weights, report.leave_out)
 
 
 def _own_mesh(request: GenerationRequest, views: ViewSet) -> tuple[TriangleMesh | UvMesh, SceneFrame]:

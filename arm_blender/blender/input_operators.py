@@ -6,7 +6,7 @@ import bpy
 
 from ..errors import ArmError
 from . import request, view_list
-from .operators import is_running, redraw_views
+from .operators import is_running, redraw_sidebars
 
 RIG_SIDE = 320
 """Pixels a side of the rig's pictures, as Zero123++ draws them; without pictures nothing depends on it."""
@@ -79,7 +79,7 @@ class ARM_OT_recall(bpy.types.Operator):
         except ArmError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        redraw_views(context)
+        redraw_sidebars(context)
         return {"FINISHED"}
 
 

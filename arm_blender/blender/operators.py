@@ -94,6 +94,7 @@ class _Run:
 
     def _show(self, context: bpy.types.Context) -> None:
         manager, job = context.window_manager, self._job
+        before = manager.arm.fraction, manager.arm.message, manager.arm.time
         report = job.latest()
         if report is not None:
             manager.arm.fraction = report[0]
@@ -104,8 +105,10 @@ class _Run:
             left = self._remaining.seconds(manager.arm.fraction, job.elapsed)
             guess = "" if left is None else f", about {clock(left)} left"
             manager.arm.time = f"{clock(job.elapsed)}{guess}"
-            context.workspace.status_text_set(f"{manager.arm.message}  |  {manager.arm.time}  |  Esc: cancel")
-        redraw_views(context)
+        if before != (manager.arm.fraction, manager.arm.message, manager.arm.time):
+            if not job.cancelled:
+                context.workspace.status_text_set(f"{manager.arm.message}  |  {manager.arm.time}  |  Esc: cancel")
+            redraw_sidebars(context)
 
     def _release(self, context: bpy.types.Context) -> None:
         global _running
@@ -116,7 +119,7 @@ class _Run:
         manager.arm.fraction, manager.arm.message, manager.arm.time = 0.0, "", ""
         if context.workspace is not None:  # None while Blender quits.
             context.workspace.status_text_set(None)
-        redraw_views(context)
+        redraw_sidebars(context)
 
     def _conclude(self, context: bpy.types.Context) -> set[str]:
         """Bring the result into the scene on the main thread, or say why there is none."""
@@ -207,7 +210,7 @@ def _cancel(context: bpy.types.Context, job: Job) -> None:
     state = context.window_manager.arm
     state.message, state.time = "Cancelling", ""
     context.workspace.status_text_set("Cancelling")
-    redraw_views(context)
+    redraw_sidebars(context)
 
 
 def is_running() -> bool:
@@ -215,12 +218,13 @@ def is_running() -> bool:
     return _running is not None
 
 
-def redraw_views(context: bpy.types.Context) -> None:
-    """Ask every 3D view to draw its panels anew."""
+def redraw_sidebars(context: bpy.types.Context) -> None:
+    """Ask every 3D view to draw its sidebar anew, and not the scene, which may take long."""
     for window in context.window_manager.windows:
         for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.tag_redraw()
+            for region in area.regions if area.type == "VIEW_3D" else ():
+                if region.type == "UI":
+                    region.tag_redraw()
 
 
 classes = (ARM_OT_generate, ARM_OT_regenerate, ARM_OT_cancel)

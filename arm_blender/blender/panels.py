@@ -32,7 +32,7 @@ class ARM_PT_generate(_InSidebar, bpy.types.Panel):
         options.use_property_decorate = False
         _draw_source(options, context)
         options.separator()
-        options.row().prop(settings, "shape", expand=True)
+        _draw_choice(options, settings, "shape")
         if settings.shape == "MESH":
             _draw_own_mesh(options, context)
         options.separator()
@@ -87,7 +87,7 @@ class ARM_PT_result(_InSidebar, bpy.types.Panel):
 
 def _draw_source(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     settings, state = context.scene.arm, context.window_manager.arm
-    layout.row().prop(settings, "source", expand=True)
+    _draw_choice(layout, settings, "source")
     row = layout.row(align=True)
     if settings.source == "FILES":
         row.prop(settings, "views_path", text="")
@@ -111,6 +111,13 @@ def _draw_source(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
         layout.prop(settings, "fovy")
     if settings.source == "CAMERAS" or (listed and settings.views_kind != "picture"):
         layout.operator("arm.add_cameras", icon="OUTLINER_OB_CAMERA")
+
+
+def _draw_choice(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, name: str) -> None:
+    """Alternatives side by side, without a label that would leave them no room."""
+    row = layout.row()
+    row.use_property_split = False
+    row.prop(settings, name, expand=True)
 
 
 def _draw_picture(layout: bpy.types.UILayout) -> None:
@@ -155,10 +162,12 @@ def _draw_measured(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup
     level = measured_levels()[settings.quality]
     own_mesh = settings.shape == "MESH"
     seconds = sum(value for stage, value in level.seconds.items() if stage != "shape" or not own_mesh)
-    shape = "" if own_mesh else f", shape error {level.chamfer:.3f}"
     column = layout.column(align=True)
     column.active = False
-    column.label(text=f"Measured: {seconds:.0f} s{shape}, color {level.psnr:.1f} dB", icon="INFO")
+    column.label(text=f"Measured: {seconds:.0f} s", icon="INFO")
+    if not own_mesh:
+        column.label(text=f"Chamfer distance {level.chamfer:.3f}", icon="BLANK1")
+    column.label(text=f"Color {level.psnr:.1f} dB", icon="BLANK1")
 
 
 def _draw_report(layout: bpy.types.UILayout, kept: dict) -> None:

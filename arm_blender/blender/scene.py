@@ -91,7 +91,7 @@ def replace_maps(shown: bpy.types.Object, maps: MaterialMaps, settings: Mapping[
 
 def _keep_settings(made: bpy.types.Object, settings: Mapping[str, object]) -> None:
     made["arm_version"] = VERSION
-    made["arm_settings"] = json.dumps(dict(settings), default=str, sort_keys=True)
+    made["arm_settings"] = json.dumps(dict(settings), default=str)
 
 
 def _select_alone(chosen: bpy.types.Object) -> None:

@@ -9,6 +9,7 @@ import bpy.utils.previews
 from ..errors import ArmError, Cancelled
 from .job import Job
 from .looking import Look, look
+from .operators import redraw_sidebars
 from .request import views_from_panel, views_key
 
 logger = logging.getLogger(__name__)
@@ -100,9 +101,7 @@ def _poll() -> float | None:
         _conclude(context)
     except ArmError as error:
         context.window_manager.arm.views_error = str(error)
-    for window in context.window_manager.windows:
-        for area in window.screen.areas:
-            area.tag_redraw()
+    redraw_sidebars(context)
     return None
 
 

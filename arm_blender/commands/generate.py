@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ..progress import Progress
     from ..report import Report
     from ..structures import RelightableAsset, ViewSet
-    from ..views import LeaveOut, ViewOptions
+    from ..views import ViewOptions
 
 LONGEST_NAME = 200
 """Bytes: with what files that are underway have around it, it stays below the 255 that file systems take."""
@@ -127,8 +127,8 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
 
     settings, options = settings_of(args), view_options_of(args)
 
-    def read_views(progress: Progress, left_out: LeaveOut) -> ViewSet:
-        views = load_views(args.views, options, progress, left_out)
+    def read_views(progress: Progress, report: Report) -> ViewSet:
+        views = load_views(args.views, options, progress, report.leave_out)
         if name is not None:
             views = replace(views, name=name)
         if len(os.fsencode(views.name)) > LONGEST_NAME:

@@ -3,6 +3,7 @@
 import re
 import threading
 import types
+from functools import partial
 
 import pytest
 
@@ -158,3 +159,23 @@ def test_a_second_run_is_refused_while_one_runs(operator, context, window, work)
     work.go_on.set()
     operator.cancel(context)
     assert operators._Run.poll.__func__(cls, context) is True
+
+
+def test_only_sidebars_are_drawn_anew_and_only_where_something_changed(operator, context, window, work, monkeypatch):
+    """Drawing the scene may take seconds; a tick of the timer must not ask for it."""
+    drawn = []
+    monkeypatch.setattr(operators.Job, "elapsed", 1.0)
+    kinds = ("UI", "WINDOW")
+    regions = [types.SimpleNamespace(type=kind, tag_redraw=partial(drawn.append, kind)) for kind in kinds]
+    area = types.SimpleNamespace(type="VIEW_3D", regions=regions)
+    window.windows = [types.SimpleNamespace(screen=types.SimpleNamespace(areas=[area]))]
+    start(operator, context, work)
+    operator.modal(context, TIMER)
+    assert set(drawn) == {"UI"}
+    window.arm.fraction, window.arm.message, window.arm.time = 0.25, "a quarter", ""
+    count = len(drawn)
+    operator.modal(context, TIMER)
+    operator.modal(context, TIMER)
+    assert len(drawn) == count + 1, "once for the time that was cleared"
+    work.go_on.set()
+    operator.cancel(context)
