@@ -1,7 +1,5 @@
 """What the user does before a run: look at the views, put cameras into the scene, take over a result's settings."""
 
-from pathlib import Path
-
 import bpy
 
 from ..errors import ArmError
@@ -111,7 +109,7 @@ def _fill_list(context: bpy.types.Context, kept: dict) -> None:
     for name, weight in zip(names, kept["weights"], strict=False):
         item = settings.views.add()
         item.name, item.use, item.weight = name, weight > 0.0, weight or 1.0
-    settings.views_of = str(Path(kept["views"])) if kept["views"] else request.cameras_key(context)
+    settings.views_of = request.path_key(kept["views"]) if kept["views"] else request.cameras_key(context)
 
 
 def _rig(distance: float, fovy_deg: float) -> list[tuple]:

@@ -47,7 +47,7 @@ def mesh_of_result(context: bpy.types.Context) -> OwnMesh:
     """
     chosen = _object_mode(context)
     if "arm_frame" not in chosen:
-        raise ArmError(f"{chosen.name}: was not made here; choose Selected Mesh to give it an appearance")
+        raise ArmError(f"{chosen.name}: was not made by this panel; choose Selected Mesh to give it an appearance")
     own = _arrays(chosen.name, chosen.data)
     if own.corner_uvs is None:
         raise ArmError(f"{chosen.name}: its UVs are gone; choose Selected Mesh, which makes new ones")

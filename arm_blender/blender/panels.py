@@ -76,6 +76,8 @@ class ARM_PT_result(_InSidebar, bpy.types.Panel):
         layout, shown = self.layout, context.object
         if shown.active_material is not None:
             layout.prop(shown.active_material, "arm_view")
+        if "arm_frame" not in shown:  # The command line made it: there is nothing to go back to.
+            return
         try:
             _draw_report(layout, request.stored_settings(shown))
         except ArmError as error:
@@ -91,7 +93,7 @@ def _draw_source(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
     row = layout.row(align=True)
     if settings.source == "FILES":
         row.prop(settings, "views_path", text="")
-        listed = bool(settings.views_path) and settings.views_of == bpy.path.abspath(settings.views_path)
+        listed = bool(settings.views_path) and settings.views_of == request.path_key(settings.views_path)
     else:
         row.label(text="Cameras with background images", icon="VIEW_CAMERA")
         listed = settings.views_of == request.cameras_key(context)

@@ -72,7 +72,12 @@ def panel_weights(context: bpy.types.Context, request: GenerationRequest) -> tup
 
 def views_key(context: bpy.types.Context, request: GenerationRequest) -> str:
     """What the panel's list is known by, to be the list of a request's views."""
-    return str(request.views) if isinstance(request.views, Path) else cameras_key(context)
+    return path_key(str(request.views)) if isinstance(request.views, Path) else cameras_key(context)
+
+
+def path_key(path: str) -> str:
+    """As `views_key`, of files; a folder's slash at the end, and `//` for that of the .blend, do not matter."""
+    return str(Path(bpy.path.abspath(path)))
 
 
 def cameras_key(context: bpy.types.Context) -> str:

@@ -100,6 +100,14 @@ def test_ticks_and_weights_reach_the_run_and_stay_when_the_views_are_read_again(
     assert answer[0].weights == (1.0, 0.0, 1.0, 2.5, 1.0, 1.0)
 
 
+def test_a_folder_may_end_in_a_slash(panel, six, answer):
+    panel.views_path = f"{six}/"
+    bpy.ops.arm.look()
+    panel.views[1].use = False
+    bpy.ops.arm.generate()
+    assert answer[0].weights == (1.0, 0.0, 1.0, 1.0, 1.0, 1.0)
+
+
 def test_the_ticks_of_other_views_do_not_count(panel, six, answer, tmp_path):
     panel.views_path = str(six)
     bpy.ops.arm.look()

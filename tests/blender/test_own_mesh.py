@@ -116,7 +116,7 @@ def test_two_million_faces_are_refused_before_they_are_read(cube, monkeypatch):
 
 
 def test_only_a_result_with_its_uvs_can_be_regenerated(cube):
-    refused("Cube: was not made here", mesh_of_result)
+    refused("Cube: was not made by this panel", mesh_of_result)
     cube["arm_frame"] = [0.5, 1.0, 2.0, 3.0]
     own = mesh_of_result(bpy.context)
     assert own.vertices.min(axis=0) == pytest.approx([0.5, 1.5, 2.5])

@@ -108,7 +108,7 @@ def test_no_image_is_one_line(panel):
 
 
 def test_regenerating_what_is_no_result_is_one_line(panel):
-    refused(bpy.ops.arm.regenerate, "Cube: was not made here; choose Selected Mesh")
+    refused(bpy.ops.arm.regenerate, "Cube: was not made by this panel; choose Selected Mesh")
 
 
 def test_missing_weights_are_said_for_regenerate_as_well(panel, picture, monkeypatch, tmp_path):
