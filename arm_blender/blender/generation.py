@@ -53,12 +53,14 @@ class OwnMesh:
         vertices: (N, 3) world or, where the object is a result, in the frame of its cameras.
         faces: (F, 3) indices into `vertices`.
         corner_uvs: (F, 3, 2), or None where the mesh has no UVs.
+        origin: of the object, in the space of the vertices; its result gets the same.
     """
 
     name: str
     vertices: np.ndarray
     faces: np.ndarray
     corner_uvs: np.ndarray | None
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)

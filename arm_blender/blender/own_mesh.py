@@ -31,10 +31,12 @@ def selected_mesh(context: bpy.types.Context) -> OwnMesh:
     finally:
         evaluated.to_mesh_clear()
     vertices = own.vertices @ matrix[:3, :3].T + matrix[:3, 3]
+    origin = tuple(matrix[:3, 3])
     if determinant > 0.0:
-        return OwnMesh(own.name, vertices, own.faces, own.corner_uvs)
+        return OwnMesh(own.name, vertices, own.faces, own.corner_uvs, origin)
     mirrored = None if own.corner_uvs is None else own.corner_uvs[:, ::-1]
-    return OwnMesh(own.name, vertices, own.faces[:, ::-1], mirrored)  # A mirrored object's faces would look inwards.
+    # A mirrored object's faces would look inwards.
+    return OwnMesh(own.name, vertices, own.faces[:, ::-1], mirrored, origin)
 
 
 def mesh_of_result(context: bpy.types.Context) -> OwnMesh:

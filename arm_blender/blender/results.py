@@ -1,12 +1,14 @@
 """What becomes of a run's result in the open file."""
 
+from dataclasses import replace
+
 import bpy
 import torch
 
 from ..errors import ArmError
 from ..placement import on_the_ground
 from ..version import VERSION
-from ..views.scene_frame import SceneFrame
+from ..views.scene_frame import IDENTITY, SceneFrame
 from .asset_preview import mark_as_asset
 from .generation import Generated, GenerationRequest
 from .request import stored_settings
@@ -21,14 +23,17 @@ def add_result(context: bpy.types.Context, made: Generated, wanted: GenerationRe
     """
     settings = context.scene.arm
     asset, frame = made.asset, made.frame
-    on_ground = settings.placement == "ground" and wanted.mesh is None
-    if on_ground:
+    stood, location = IDENTITY, (0.0, 0.0, 0.0)
+    if wanted.mesh is not None:
+        stood, location = SceneFrame(torch.tensor(wanted.mesh.origin).float(), 1.0), wanted.mesh.origin
+        asset = replace(asset, mesh=asset.mesh.moved(stood.boxed))
+    elif settings.placement == "ground":
         asset, stood = on_the_ground(asset, settings.size)
-        frame = SceneFrame(frame.restore(stood.center), frame.scale * stood.scale)  # First up to where it was.
-    created = build_object(asset, _settings(made, wanted))
-    if on_ground:
         cursor = context.scene.cursor.location
-        created.location = (cursor.x, cursor.y, 0.0)
+        location = (cursor.x, cursor.y, 0.0)
+    frame = SceneFrame(frame.restore(stood.center), frame.scale * stood.scale)  # First back to where it was.
+    created = build_object(asset, _settings(made, wanted))
+    created.location = location
     created["arm_frame"] = [frame.scale, *frame.center.tolist()]
     if settings.as_asset:
         mark_as_asset(created, asset)

@@ -156,8 +156,11 @@ def test_an_own_mesh_is_handed_on_and_its_result_stays_in_its_place(panel, six, 
     (request,) = answer
     assert request.mesh.name == "Cube" and request.mesh.vertices[:, 0].min() == pytest.approx(3.0)
     made = bpy.context.object
-    assert made != cube and tuple(made.location) == (0.0, 0.0, 0.0)
-    assert list(made["arm_frame"]) == [2.0, 1.0, 2.0, 3.0]
+    assert made != cube and tuple(made.location) == tuple(cube.location), "the origin is that of the user's object"
+    bpy.context.view_layer.update()
+    ring = [made.matrix_world @ vertex.co for vertex in made.data.vertices]
+    assert max(vertex.x for vertex in ring) == pytest.approx(1.0, abs=1e-5), "and the surface is where the run put it"
+    assert list(made["arm_frame"]) == pytest.approx([2.0, 9.0, 2.0, 3.0])  # The stub's, around (4, 0, 0).
     assert made.asset_data is not None and "relightable" in made.asset_data.tags
     pixels = np.array(made.preview.image_pixels_float[:]).reshape(-1, 4)
     assert 0.1 < (pixels[:, 3] > 0.5).mean() < 0.9 and pixels[pixels[:, 3] > 0.5, :3].std() > 0.05
