@@ -111,8 +111,10 @@ def _draw_source(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
     if settings.source == "CAMERAS" or (listed and settings.views_kind == "rig"):
         layout.prop(settings, "rig_distance")
         layout.prop(settings, "fovy")
-    if settings.source == "CAMERAS" or (listed and settings.views_kind != "picture"):
-        layout.operator("arm.add_cameras", icon="OUTLINER_OB_CAMERA")
+    if settings.source == "CAMERAS":
+        layout.operator("arm.add_cameras", text="Add Rig of Six Cameras", icon="OUTLINER_OB_CAMERA")
+    elif listed and settings.views_kind != "picture":
+        layout.operator("arm.add_cameras", text="Add Cameras of the Views", icon="OUTLINER_OB_CAMERA")
 
 
 def _draw_choice(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, name: str) -> None:

@@ -11,6 +11,8 @@ from bpy.props import (
     StringProperty,
 )
 
+from .compat import BLEND_RELATIVE
+
 
 def _views_changed(settings: "ARM_PG_settings", context: bpy.types.Context) -> None:
     from . import view_list
@@ -50,6 +52,7 @@ class ARM_PG_settings(bpy.types.PropertyGroup):
         name="Views",
         description="One image, a folder with transforms.json, or a folder of six images in the rig's order",
         subtype="FILE_PATH",
+        options=BLEND_RELATIVE,
         update=_views_changed,
     )
     views: CollectionProperty(type=ARM_PG_view)
