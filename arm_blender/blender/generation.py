@@ -157,6 +157,28 @@ def generate(request: GenerationRequest, progress: Progress) -> Generated:
     return Generated(replace(asset, name=name, mesh=asset.mesh.moved(frame.boxed)), report, frame)
 
 
+def draw_views(request: GenerationRequest, model: Path, folder: Path, steps: int, progress: Progress) -> Path:
+    """Have Zero123++ draw six views of the request's one picture.
+
+    Args:
+        request: its views are a picture; seed, device and threads are those of the drawing.
+        model: folder of the weights, as diffusers saves a pipeline.
+        folder: where the views go; what it already holds of them is replaced.
+        steps: of the sampler.
+    Returns:
+        `folder`, which is a folder of views with cameras now.
+    Raises:
+        ArmError: as `Zero123Plus.views`; the folder is as it was.
+    """
+    progress(0.0, "starting")
+    from ..views.zero123plus.provider import Zero123Plus
+    from ..views.zero123plus.sampling import Zero123PlusConfig
+
+    drawing = Zero123PlusConfig(model, folder, steps, seed=request.seed, device=request.device, threads=request.threads)
+    Zero123Plus(drawing, request.rig_distance, request.fovy_deg).views(request.views, progress)
+    return folder
+
+
 def view_options(request: GenerationRequest) -> ViewOptions:
     """How the pictures of a request are taken that come without cameras."""
     from ..views import ViewOptions

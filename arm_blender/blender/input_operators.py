@@ -1,10 +1,17 @@
 """What the user does before a run: look at the views, put cameras into the scene, take over a result's settings."""
 
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
 import bpy
 
 from ..errors import ArmError
+from ..progress import Progress
 from . import request, view_list
-from .operators import is_running, redraw_sidebars
+from .generation import GenerationRequest, draw_views
+from .operators import Run, is_running, redraw_sidebars
 
 RIG_SIDE = 320
 """Pixels a side of the rig's pictures, as Zero123++ draws them; without pictures nothing depends on it."""
@@ -32,6 +39,33 @@ class ARM_OT_look(bpy.types.Operator):
             return self.execute(context)
         view_list.look_soon(context)
         return {"FINISHED"}
+
+
+class ARM_OT_draw_views(Run, bpy.types.Operator):
+    """Have Zero123++ draw six views of the picture, in a folder beside it; look at them, edit them, then generate"""
+
+    bl_idname = "arm.draw_views"
+    bl_label = "Draw Six Views"
+
+    def _wanted(self, context: bpy.types.Context) -> GenerationRequest:
+        wanted = request.from_panel(context)
+        if not isinstance(wanted.views, Path) or not wanted.views.is_file():
+            raise ArmError("Choose one picture first; six views are drawn of it")
+        if not context.scene.arm.multiview_model:
+            raise ArmError("Choose the folder of Zero123++'s weights first; README.md says where to get them")
+        self._drawing = (
+            Path(bpy.path.abspath(context.scene.arm.multiview_model)),
+            wanted.views.with_name(f"{wanted.views.stem}-views"),
+            context.scene.arm.multiview_steps,
+        )
+        return replace(wanted, preset="zero123plus", weights=None)
+
+    def _work(self, wanted: GenerationRequest) -> Callable[[Progress], Path]:
+        return partial(draw_views, wanted, *self._drawing)
+
+    def _deliver(self, context: bpy.types.Context, made: Path) -> str:
+        context.scene.arm.views_path = str(made)  # Which has them read and shown.
+        return f"{made.name}: six views; look at them, then press Generate"
 
 
 class ARM_OT_add_cameras(bpy.types.Operator):
@@ -120,7 +154,7 @@ def _rig(distance: float, fovy_deg: float) -> list[tuple]:
     return [(f"rig {i}", camera.c2w.numpy(), camera.K.numpy(), RIG_SIDE, RIG_SIDE, None) for i, camera in rig]
 
 
-classes = (ARM_OT_look, ARM_OT_add_cameras, ARM_OT_recall)
+classes = (ARM_OT_look, ARM_OT_draw_views, ARM_OT_add_cameras, ARM_OT_recall)
 
 
 def register() -> None:

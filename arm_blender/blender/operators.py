@@ -1,12 +1,15 @@
 """Start and stop a run. Thin wrappers: the work is in `generation`, the thread in `job`, the request in `request`."""
 
 import logging
+from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import bpy
 from bpy.props import StringProperty
 
 from ..errors import ArmError, Cancelled
+from ..progress import Progress
 from . import request
 from .generation import Generated, GenerationRequest, generate
 from .job import Job
@@ -22,13 +25,13 @@ _QUIT_PATIENCE = 10.0
 _running: Job | None = None
 
 
-class _Run:
-    """What every operator that runs the pipeline does; its own are the request and what becomes of the result."""
+class Run:
+    """What every operator with a long run does; its own are the request and what becomes of the result."""
 
     bl_options = {"REGISTER", "UNDO"}
 
     _request: GenerationRequest
-    _job: Job[Generated]
+    _job: Job
     _remaining: Remaining
     _timer: bpy.types.Timer | None = None
 
@@ -89,8 +92,12 @@ class _Run:
             return False
         self._request = wanted
         self._remaining = Remaining(wanted.preset, wanted.quality, wanted.mesh is not None)
-        self._job = Job(partial(generate, wanted))
+        self._job = Job(self._work(wanted))
         return True
+
+    def _work(self, wanted: GenerationRequest) -> Callable[[Progress], Any]:
+        """What runs on the thread."""
+        return partial(generate, wanted)
 
     def _show(self, context: bpy.types.Context) -> None:
         manager, job = context.window_manager, self._job
@@ -146,7 +153,7 @@ class _Run:
         return {"CANCELLED"}
 
 
-class ARM_OT_generate(_Run, bpy.types.Operator):
+class ARM_OT_generate(Run, bpy.types.Operator):
     """Turn the views into a textured, relightable mesh"""
 
     bl_idname = "arm.generate"
@@ -169,7 +176,7 @@ class ARM_OT_generate(_Run, bpy.types.Operator):
         return f"{created.name}: {len(created.data.polygons)} faces"
 
 
-class ARM_OT_regenerate(_Run, bpy.types.Operator):
+class ARM_OT_regenerate(Run, bpy.types.Operator):
     """Make the appearance of the active result anew, with the ticks and weights of its views; the shape stays"""
 
     bl_idname = "arm.regenerate"

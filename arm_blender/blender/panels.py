@@ -108,6 +108,11 @@ def _draw_source(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
     if settings.source == "FILES" and listed and settings.views_kind == "picture":
         layout.prop(settings, "elevation")
         layout.prop(settings, "fovy")
+        drawn = layout.box().column()
+        drawn.prop(settings, "multiview_model", text="Zero123++")
+        if settings.multiview_model:
+            drawn.prop(settings, "multiview_steps")
+            drawn.operator("arm.draw_views", icon="IMAGE_DATA")
     if settings.source == "CAMERAS" or (listed and settings.views_kind == "rig"):
         layout.prop(settings, "rig_distance")
         layout.prop(settings, "fovy")

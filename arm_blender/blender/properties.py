@@ -58,6 +58,15 @@ class ARM_PG_settings(bpy.types.PropertyGroup):
     views: CollectionProperty(type=ARM_PG_view)
     views_of: StringProperty(description="What the list of views was read from")
     views_kind: StringProperty(description="picture, rig or posed")
+    multiview_model: StringProperty(
+        name="Weights",
+        description="Folder of Zero123++'s weights, as diffusers saves a pipeline; they are not shipped",
+        subtype="DIR_PATH",
+        options=BLEND_RELATIVE,
+    )
+    multiview_steps: IntProperty(
+        name="Steps", description="Of drawing; 75 for faces and fine patterns", default=28, min=1, max=1000
+    )
     elevation: FloatProperty(
         name="Elevation",
         description="Degrees by which the picture looks down on the object",

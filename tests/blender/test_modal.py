@@ -65,7 +65,7 @@ def operator(monkeypatch, tmp_path):
     monkeypatch.setattr(operators, "bpy", shown)
     wanted = GenerationRequest(tmp_path, quality="draft")
     monkeypatch.setattr(operators.request, "from_panel", lambda context, filepath: wanted)
-    classes = (operators._Run, operators.ARM_OT_generate)
+    classes = (operators.Run, operators.ARM_OT_generate)
     methods = {name: value for cls in classes for name, value in vars(cls).items() if callable(value)}
     made = type("Driven", (), {**methods, "filepath": ""})()
     made.reports = []
@@ -154,11 +154,11 @@ def test_a_second_run_is_refused_while_one_runs(operator, context, window, work)
     start(operator, context, work)
     refused = []
     cls = types.SimpleNamespace(poll_message_set=refused.append)
-    assert operators._Run.poll.__func__(cls, context) is False
+    assert operators.Run.poll.__func__(cls, context) is False
     assert refused == ["A generation is running"]
     work.go_on.set()
     operator.cancel(context)
-    assert operators._Run.poll.__func__(cls, context) is True
+    assert operators.Run.poll.__func__(cls, context) is True
 
 
 def test_only_sidebars_are_drawn_anew_and_only_where_something_changed(operator, context, window, work, monkeypatch):

@@ -73,8 +73,8 @@ def listed(settings, kind: str, names: list[str]) -> None:
 @pytest.mark.parametrize(
     ("kind", "names", "shown", "hidden"),
     [
-        ("picture", ["cup.png"], {"elevation", "fovy"}, {"rig_distance", "use", "weight"}),
-        ("rig", list("012345"), {"rig_distance", "fovy", "use", "weight"}, {"elevation"}),
+        ("picture", ["cup.png"], {"elevation", "fovy", "multiview_model"}, {"rig_distance", "use", "weight"}),
+        ("rig", list("012345"), {"rig_distance", "fovy", "use", "weight"}, {"elevation", "multiview_model"}),
         ("posed", list("0123"), {"use", "weight"}, {"elevation", "fovy", "rig_distance"}),
         ("", [], set(), {"elevation", "fovy", "rig_distance", "use", "weight"}),
     ],
