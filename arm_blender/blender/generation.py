@@ -105,8 +105,8 @@ class GenerationRequest:
         } | {name: getattr(self, name) for name in PLAIN}
 
 
-PLAIN = ("elevation_deg", "fovy_deg", "rig_distance", "preset", "quality", "texture_size", "faces", "seed", "device")
-"""Fields of a request that are kept with its result as they are."""
+PLAIN = ("elevation_deg", "fovy_deg", "rig_distance", "preset", "quality", "texture_size", "faces", "seed")
+"""Fields of a request that are kept with its result as they are; device and threads are the machine's."""
 
 
 class Generated(NamedTuple):

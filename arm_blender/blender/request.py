@@ -37,7 +37,7 @@ def from_panel(context: bpy.types.Context, filepath: str = "") -> GenerationRequ
         texture_size=None if settings.texture_size == "AUTO" else int(settings.texture_size),
         faces=settings.faces or None,
         seed=settings.seed,
-        threads=_threads(),
+        **_machine(),
     )
 
 
@@ -99,7 +99,7 @@ def from_result(context: bpy.types.Context) -> GenerationRequest:
     kept = stored_settings(context.object)
     views: Path | tuple[CameraPicture, ...]
     views = Path(kept["views"]) if kept["views"] else _cameras(context, kept["cameras"])
-    wanted = GenerationRequest(views, name=mesh.name, mesh=mesh, mesh_in_place=True, threads=_threads())
+    wanted = GenerationRequest(views, name=mesh.name, mesh=mesh, mesh_in_place=True, **_machine())
     weights = panel_weights(context, wanted)
     if weights is None and kept["weights"] is not None:
         weights = tuple(kept["weights"])
@@ -128,6 +128,7 @@ def _cameras(context: bpy.types.Context, names: list[str] | None) -> tuple[Camer
     return camera_pictures(context.scene, context.evaluated_depsgraph_get(), names)
 
 
-def _threads() -> int:
+def _machine() -> dict[str, Any]:
+    """The fields of a request that are this machine's, and not kept with a result."""
     chosen = preferences()
-    return (chosen.threads if chosen is not None else 0) or max(1, (os.cpu_count() or 2) - 1)
+    return {"threads": (chosen.threads if chosen is not None else 0) or max(1, (os.cpu_count() or 2) - 1)}
