@@ -1,6 +1,8 @@
 """Views are looked at before a run, keep their ticks and weights, and reach the run with them; so does an own mesh."""
 
 import json
+import time
+import types
 
 import numpy as np
 import pytest
@@ -207,3 +209,60 @@ def test_settings_that_cannot_be_read_are_one_line(panel, settings):
     for operator in (bpy.ops.arm.recall, bpy.ops.arm.regenerate):
         with pytest.raises(RuntimeError, match="Cube: .*generate it anew"):
             operator()
+
+
+class Timers:
+    """Blender's timers, which never fire without a window."""
+
+    def __init__(self):
+        self.functions = []
+
+    def register(self, function, first_interval):
+        self.functions.append(function)
+
+    def unregister(self, function):
+        self.functions.remove(function)
+
+    def is_registered(self, function) -> bool:
+        return function in self.functions
+
+    def run(self):
+        deadline = time.monotonic() + 20.0
+        while self.functions:
+            assert time.monotonic() < deadline
+            self.functions = [function for function in self.functions if function() is not None]
+            time.sleep(0.01)
+
+
+@pytest.fixture
+def timers(monkeypatch):
+    """As behind a window, where choosing views has them read."""
+    app = types.SimpleNamespace(background=False, timers=Timers())
+    monkeypatch.setattr(view_list, "bpy", types.SimpleNamespace(app=app, utils=bpy.utils, context=bpy.context))
+    return app.timers
+
+
+def test_choosing_views_has_them_read_on_a_thread(panel, six, timers):
+    panel.views_path = str(six)
+    assert view_list.is_looking() and len(panel.views) == 0
+    timers.run()
+    assert not view_list.is_looking() and len(panel.views) == 6
+
+
+def test_a_second_choice_replaces_the_first_before_it_is_read(panel, six, timers, tmp_path):
+    panel.views_path = str(tmp_path / "gone.png")
+    panel.views_path = str(six)
+    timers.run()
+    assert bpy.context.window_manager.arm.views_error == "" and len(panel.views) == 6
+    panel.views_path = str(tmp_path / "gone.png")
+    timers.run()
+    assert "gone.png: no such file" in bpy.context.window_manager.arm.views_error
+    panel.views_path = ""
+    assert bpy.context.window_manager.arm.views_error == "" and not timers.functions
+
+
+def test_disabling_the_extension_ends_a_look(panel, six, timers):
+    panel.views_path = str(six)
+    job = view_list._job
+    view_list.forget()
+    assert job.finished and not timers.functions and not view_list.is_looking()
