@@ -23,6 +23,8 @@ _QUIT_PATIENCE = 10.0
 """Seconds that closing a file or quitting waits for the thread; quitting under a running thread aborts Blender."""
 
 _running: Job | None = None
+_unfinished: list[Job] = []
+"""Cancelled jobs whose threads were still in one long step when Blender went on without them."""
 
 
 class Run:
@@ -81,6 +83,7 @@ class Run:
         self._job.cancel()
         if not self._job.join(_QUIT_PATIENCE):
             logger.warning("the generation did not stop within %s s", _QUIT_PATIENCE)
+            _unfinished.append(self._job)
         self._release(context)
 
     def _prepare(self, context: bpy.types.Context) -> bool:
@@ -225,6 +228,18 @@ def is_running() -> bool:
     return _running is not None
 
 
+def stop_all() -> None:
+    """Cancel what runs, and wait for every thread of ours."""
+    global _running
+    if _running is not None:
+        _running.cancel()
+        _unfinished.append(_running)
+        _running = None
+    for job in _unfinished:
+        job.join(_QUIT_PATIENCE)
+    _unfinished.clear()
+
+
 def redraw_sidebars(context: bpy.types.Context) -> None:
     """Ask every 3D view to draw its sidebar anew, and not the scene, which may take long."""
     for window in context.window_manager.windows:
@@ -244,10 +259,6 @@ def register() -> None:
 
 def unregister() -> None:
     """Stop a running job first: its thread must not outlive the code that it runs."""
-    global _running
-    if _running is not None:
-        _running.cancel()
-        _running.join(_QUIT_PATIENCE)
-        _running = None
+    stop_all()
     for cls in reversed(classes):
         bpy.utils.unregister_class(cls)

@@ -150,6 +150,17 @@ def test_quitting_waits_for_the_thread(operator, context, window, work):
     assert_all_is_released(window)
 
 
+def test_disabling_waits_for_a_thread_that_loading_a_file_did_not_wait_for(operator, context, work, monkeypatch):
+    start(operator, context, work)
+    monkeypatch.setattr(operators, "_QUIT_PATIENCE", 0.05)
+    operator.cancel(context)
+    assert not operator._job.finished and not operators.is_running()
+    monkeypatch.setattr(operators, "_QUIT_PATIENCE", PATIENCE)
+    threading.Timer(0.2, work.go_on.set).start()
+    operators.stop_all()
+    assert operator._job.finished
+
+
 def test_a_second_run_is_refused_while_one_runs(operator, context, window, work):
     start(operator, context, work)
     refused = []
