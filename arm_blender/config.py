@@ -89,8 +89,6 @@ class Settings:
     """Seconds that unwrapping may take before charts are packed without xatlas."""
     blend: BlendName = "robust"
     """How views that see the same texel share it (`BLENDS`)."""
-    mesh: Path | None = None
-    """A mesh of the user's: it keeps its shape, and its UVs if it has them."""
     precision: PrecisionName = "auto"
     """Of the networks: float32, bfloat16, or what suits the network's size and the device."""
     random_weights: int | None = None

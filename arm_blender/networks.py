@@ -37,8 +37,8 @@ _KEPT_AT_MOST = 3
 _kept: dict[tuple[str, Path, str], nn.Module] = {}
 
 
-def check_weights(settings: Settings) -> None:
-    """That every file that the run is going to need is there.
+def check_weights(settings: Settings, given_shape: bool = False) -> None:
+    """That every file that the run is going to need is there; a given shape needs no GeoRM.
 
     Raises:
         CheckpointError: one is missing or none of ours.
@@ -46,7 +46,7 @@ def check_weights(settings: Settings) -> None:
     if settings.random_weights is not None:
         return
     for name in NETWORKS:
-        if name != "georm" or settings.mesh is None:
+        if name != "georm" or not given_shape:
             checkpoints.read_header(settings.weights(name))
 
 

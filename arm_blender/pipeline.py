@@ -16,14 +16,13 @@ from .models import random_weights
 from .models.georm import GeoRM
 from .models.glossyrm import GlossyRM
 from .models.reconstruction import EncodedViews, network_views
-from .progress import Progress, part, silent
+from .progress import SHARES, Progress, part, silent
 from .report import Report
 from .structures import MaterialMaps, RelightableAsset, TexelMap, TexelViews, TriangleMesh, UvMesh, ViewSet
 from .threads import cpu_threads
 from .uv import maps
 from .uv.backproject import BLENDS, backproject, blend, texture_size_for
 from .uv.decimate import clean, decimate
-from .uv.mesh_file import read_mesh
 from .uv.texels import texel_map
 from .uv.unwrap import UnwrapConfig, unwrap
 from .views.scene_frame import normalise
@@ -39,7 +38,11 @@ POINTS_AT_ONCE = {"cpu": 2**14, "cuda": 2**18, "mps": 2**17}
 
 
 def generate(
-    views: ViewSet, settings: Settings, progress: Progress = silent, report: Report | None = None
+    views: ViewSet,
+    settings: Settings,
+    progress: Progress = silent,
+    report: Report | None = None,
+    mesh: TriangleMesh | UvMesh | None = None,
 ) -> tuple[RelightableAsset, Report]:
     """Reconstruct the object in `views`.
 
@@ -48,13 +51,16 @@ def generate(
         settings: what to make of them.
         progress: told of every stage; it may raise `Cancelled`.
         report: continued, if loading has begun one.
+        mesh: of the user's, in the views' frame: it keeps its shape, and its UVs if it has them; only its appearance
+            is made. None has the shape reconstructed.
     Returns:
         The asset, in the cameras' frame, and the report. Its name says where the weights were random.
     Raises:
-        ArmError: the input does not do, weights are missing, or the density has no surface.
+        ArmError: the input does not do, weights are missing, the density has no surface, or no view sees `mesh`.
     """
+    given = mesh is not None
     report = report or Report(settings.preset, settings.device, settings.seed)
-    networks.check_weights(settings)  # What is missing is said before the work.
+    networks.check_weights(settings, given)  # What is missing is said before the work.
     with _running(settings), torch.inference_mode():
         with lower_if_short("the views", "give fewer or smaller ones"):
             chosen = views.chosen()
@@ -62,17 +68,17 @@ def generate(
                 report.leave_out(f"{len(views.cameras) - len(chosen.cameras)} views", "their weight is 0")
             views, frame = normalise(chosen.to(settings.device))
         with report.stage("shape"), lower_if_short("the shape", "lower --grid or --quality"):
-            if settings.mesh is None:
-                mesh = shape(views, settings, part(progress, 0.0, 0.4), report)
+            if given:
+                report.leave_out("reconstruction of the shape", "the shape is given")
+                mesh = mesh.to(settings.device).moved(frame.boxed)
             else:
-                report.leave_out("reconstruction of the shape", f"{settings.mesh.name} is the shape")
-                mesh = read_mesh(settings.mesh).moved(frame.boxed)
+                mesh = shape(views, settings, part(progress, *SHARES["shape"]), report)
         with report.stage("unwrap"), lower_if_short("unwrapping", "lower --faces"):
-            mesh = atlas(mesh, settings, report, part(progress, 0.4, 0.6))
+            mesh = atlas(mesh, settings, report, part(progress, *SHARES["unwrap"]))
         with report.stage("appearance"), lower_if_short("the material", "lower --texture-size"):
-            material = appearance(mesh, views, settings, report, part(progress, 0.6, 0.95))
-            if settings.mesh is not None and report.seen_share == 0.0:
-                raise EmptyMeshError(f"{settings.mesh}: no view sees it; bring it to where the object is in the views")
+            material = appearance(mesh, views, settings, report, part(progress, *SHARES["appearance"]))
+            if given and report.seen_share == 0.0:
+                raise EmptyMeshError(f"{views.name}: no view sees the given mesh; bring it to where the object is")
     mesh = mesh.moved(frame.restore)
     report.faces, report.charts, report.texture_size = len(mesh.faces), mesh.charts, material.albedo.shape[-1]
     name = views.name

@@ -63,6 +63,10 @@ class TriangleMesh:
         if self.vertices.ndim != 2 or self.vertices.shape[1] != 3 or self.faces.ndim != 2 or self.faces.shape[1] != 3:
             raise ValueError(f"vertices (N, 3), faces (F, 3), got {self.vertices.shape}, {self.faces.shape}")
 
+    def to(self, device: torch.device | str) -> "TriangleMesh":
+        """The same on another device."""
+        return TriangleMesh(self.vertices.to(device), self.faces.to(device))
+
     def moved(self, motion: Callable[[Tensor], Tensor]) -> "TriangleMesh":
         """The mesh with `motion` applied to its vertices (N, 3)."""
         return replace(self, vertices=motion(self.vertices))
@@ -89,6 +93,11 @@ class UvMesh:
     def __post_init__(self) -> None:
         if self.faces.shape != self.face_uvs.shape:
             raise ValueError(f"faces {tuple(self.faces.shape)} and face_uvs {tuple(self.face_uvs.shape)} differ")
+
+    def to(self, device: torch.device | str) -> "UvMesh":
+        """The same on another device."""
+        tensors = (tensor.to(device) for tensor in (self.vertices, self.faces, self.uvs, self.face_uvs))
+        return UvMesh(*tensors, self.charts)
 
     def moved(self, motion: Callable[[Tensor], Tensor]) -> "UvMesh":
         """The mesh with `motion` applied to its vertices (N, 3)."""
@@ -181,10 +190,9 @@ class RelightableAsset:
 
     def to(self, device: torch.device | str) -> "RelightableAsset":
         """The same on another device."""
-        mesh, maps = self.mesh, self.maps
-        tensors = (t.to(device) for t in (mesh.vertices, mesh.faces, mesh.uvs, mesh.face_uvs))
+        maps = self.maps
         images = (t.to(device) for t in (maps.albedo, maps.baked, maps.roughness, maps.metallic))
-        return RelightableAsset(self.name, UvMesh(*tensors, mesh.charts), MaterialMaps(*images))
+        return RelightableAsset(self.name, self.mesh.to(device), MaterialMaps(*images))
 
 
 def stack_cameras(cameras: tuple[Camera, ...]) -> tuple[Tensor, Tensor]:

@@ -38,7 +38,7 @@ def pipeline(monkeypatch):
 
     calls = []
 
-    def generate(views, settings, progress, report):
+    def generate(views, settings, progress, report, mesh=None):
         calls.append((views, settings))
         progress(0.5, "shaping")
         box = trimesh.creation.box()

@@ -28,9 +28,9 @@ LAYERS = [  # A module imports from its own layer and from earlier ones.
         "graphics",
     },  # structures holds cameras, and graphics fills structures.
     {"models", "uv", "views", "checkpoints"},
-    {"config", "report", "export", "weights_import", "weights_install"},
+    {"config", "quality_levels", "report", "export", "placement", "weights_import", "weights_install"},
     {"networks"},
-    {"pipeline"},
+    {"pipeline", "run"},
     {"blender", "commands", "__main__", "__init__"},
 ]
 OPTIONAL = {"diffusers", "transformers", "ray", "webdataset", "psutil", "resource", "onnxruntime", "rembg"}

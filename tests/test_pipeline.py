@@ -17,7 +17,7 @@ from arm_blender.models.reconstruction import ReconstructionConfig
 from arm_blender.models.transformer import TransformerConfig
 from arm_blender.models.triplane import DecoderConfig, UpsamplerConfig
 from arm_blender.report import Report
-from arm_blender.structures import RelightableAsset, ViewSet
+from arm_blender.structures import RelightableAsset, TriangleMesh, ViewSet
 from arm_blender.views import load_views
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "barrel"
@@ -107,21 +107,31 @@ def test_one_view_is_enough(views):
     assert report.seen_share < 0.7
 
 
-def test_a_users_mesh_keeps_its_shape_and_its_uvs(views, tmp_path):
+def cylinder_mesh(x: float = 0.0) -> TriangleMesh:
     cylinder = trimesh.creation.cylinder(0.45, 1.9, sections=24)
-    cylinder.export(tmp_path / "mine.ply")
-    asset, report = pipeline.generate(views, replace(QUICK, mesh=tmp_path / "mine.ply"))
-    assert torch.allclose(asset.mesh.vertices.amax(0), torch.tensor(cylinder.bounds[1]).float(), atol=1e-5)
+    return TriangleMesh(torch.tensor(cylinder.vertices + [x, 0.0, 0.0]).float(), torch.tensor(cylinder.faces).long())
+
+
+def test_a_users_mesh_keeps_its_shape(views):
+    cylinder = cylinder_mesh()
+    asset, report = pipeline.generate(views, QUICK, mesh=cylinder)
+    assert torch.allclose(asset.mesh.vertices.amax(0), cylinder.vertices.amax(0), atol=1e-5)
     assert len(asset.mesh.faces) == len(cylinder.faces)
     assert "reconstruction of the shape" in {note.what for note in report.left_out}
 
 
-def test_a_mesh_that_no_view_sees_is_named(views, tmp_path):
-    cylinder = trimesh.creation.cylinder(0.45, 1.9, sections=24)
-    cylinder.apply_translation([50.0, 0.0, 0.0])
-    cylinder.export(tmp_path / "far.ply")
-    with pytest.raises(EmptyMeshError, match="far.ply: no view sees it"):
-        pipeline.generate(views, replace(QUICK, mesh=tmp_path / "far.ply"))
+def test_a_mesh_with_edges_of_three_faces_keeps_them(views):
+    cylinder = cylinder_mesh()
+    a, b, _ = cylinder.faces[0].tolist()
+    tip = torch.tensor([[0.0, -0.9, 0.0]])
+    vertices, faces = torch.cat([cylinder.vertices, tip]), torch.cat([cylinder.faces, torch.tensor([[a, b, 50]])])
+    asset, report = pipeline.generate(views, QUICK, mesh=TriangleMesh(vertices, faces))
+    assert torch.equal(asset.mesh.faces, faces) and report.seen_share > 0.5
+
+
+def test_a_mesh_that_no_view_sees_is_said(views):
+    with pytest.raises(EmptyMeshError, match="no view sees the given mesh"):
+        pipeline.generate(views, QUICK, mesh=cylinder_mesh(x=50.0))
 
 
 @pytest.mark.parametrize("missing", ["georm", "glossyrm", "instant_albedo"])

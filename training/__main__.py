@@ -19,6 +19,7 @@ COMMANDS = {
     "prepare": ("training.datasets.occupancy", "sample signed distances to the rendered objects"),
     "evaluate": ("training.evaluation.evaluate", "measure geometry against the truth and the visual hull"),
     "sweep": ("training.evaluation.sweep", "error against run time, each knob in turn"),
+    "quality-levels": ("training.evaluation.quality_levels", "hand the sweep's levels on to Blender's panel"),
     "stability": ("training.evaluation.stability", "measure the pipeline's parts on extreme inputs"),
     "left-out": ("training.evaluation.left_out", "show which work the pipeline skips where a scene does not need it"),
     "shading": ("training.evaluation.shading_blender", "compare the direct light of our BRDF with Cycles'"),

@@ -1,8 +1,10 @@
 """Everything that touches Blender's data or window.
 
 `scene`, `material_nodes`, `export`, `studio` and `relight` turn assets into objects, files and pictures, whether or not
-the extension is registered. The other modules are the extension: properties, panel, operators, preferences, command.
-Blender may be called from its main thread only; `job` and `generation`, which know nothing of bpy, run elsewhere.
+the extension is registered. The other modules are the extension: properties, panel, operators, preferences, command;
+`request` reads what they hold, with `own_mesh` and `scene_cameras`, and `results` brings the answer into the scene.
+Blender may be called from its main thread only; `job`, `generation` and `looking`, which know nothing of bpy, run
+elsewhere.
 """
 
 
@@ -28,6 +30,6 @@ def unregister() -> None:
 
 
 def _modules() -> tuple:
-    from . import cli, operators, panels, preferences, properties
+    from . import cli, input_operators, operators, panels, preferences, properties, view_switch
 
-    return (properties, preferences, operators, panels, cli)
+    return (properties, view_switch, preferences, operators, input_operators, panels, cli)

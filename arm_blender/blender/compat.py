@@ -9,6 +9,9 @@ logger = logging.getLogger(__name__)
 # Blender 4.2 to 4.5 call the new Eevee by another name.
 EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
 
+# Since 4.5 a path that may begin with `//`, the folder of the .blend, has to say so.
+BLEND_RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5, 0) else set()
+
 # Python imported Blender, not the other way round. Blender 4.2 has no `bpy.app.module` to ask.
 IS_MODULE = not bpy.app.binary_path
 

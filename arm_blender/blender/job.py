@@ -1,6 +1,7 @@
 """Work on a thread of its own, watched from Blender's main thread. No bpy in this module, and none in the work."""
 
 import threading
+import time
 import traceback
 from collections.abc import Callable
 from queue import Empty, SimpleQueue
@@ -31,15 +32,27 @@ class Job(Generic[Result]):
         self._work = work
         self._reports: SimpleQueue[tuple[float, str]] = SimpleQueue()
         self._cancelled = threading.Event()
+        self._began = time.monotonic()
         self._thread = threading.Thread(target=self._run, name="arm-job", daemon=True)
 
     def start(self) -> "Job[Result]":
+        self._began = time.monotonic()
         self._thread.start()
         return self
 
     def cancel(self) -> None:
         """Ask the work to stop; returns at once."""
         self._cancelled.set()
+
+    @property
+    def cancelled(self) -> bool:
+        """The work was asked to stop."""
+        return self._cancelled.is_set()
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds since the start."""
+        return time.monotonic() - self._began
 
     def join(self, seconds: float | None = None) -> bool:
         """Wait for the end, at most `seconds`; True if the work has ended."""

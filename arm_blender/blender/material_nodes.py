@@ -48,6 +48,7 @@ def build_material(name: str, maps: MaterialMaps) -> bpy.types.Material:
     value. The baked colour stays at hand as a node that is connected to nothing.
     """
     material = bpy.data.materials.new(name)
+    material["arm_maps"] = True  # Tells it from a material of the user's.
     tree = shader_tree(material)
     tree.nodes.clear()
     output = tree.nodes.new("ShaderNodeOutputMaterial")

@@ -1,17 +1,19 @@
-"""Start and stop a generation. Thin wrappers: the work is in `generation`, the thread in `job`."""
+"""Start and stop a run. Thin wrappers: the work is in `generation`, the thread in `job`, the request in `request`."""
 
 import logging
-import os
+from collections.abc import Callable
 from functools import partial
-from pathlib import Path
+from typing import Any
 
 import bpy
 from bpy.props import StringProperty
 
-from ..errors import Cancelled
-from .generation import GenerationRequest, generate
+from ..errors import ArmError, Cancelled
+from ..progress import Progress
+from . import request
+from .generation import Generated, GenerationRequest, generate
 from .job import Job
-from .preferences import preferences
+from .remaining import Remaining, clock
 
 logger = logging.getLogger(__name__)
 
@@ -21,24 +23,18 @@ _QUIT_PATIENCE = 10.0
 """Seconds that closing a file or quitting waits for the thread; quitting under a running thread aborts Blender."""
 
 _running: Job | None = None
+_unfinished: list[Job] = []
+"""Cancelled jobs whose threads were still in one long step when Blender went on without them."""
 
 
-class ARM_OT_generate(bpy.types.Operator):
-    """Turn the views into a textured, relightable mesh"""
+class Run:
+    """What every operator with a long run does; its own are the request and what becomes of the result."""
 
-    bl_idname = "arm.generate"
-    bl_label = "Generate"
     bl_options = {"REGISTER", "UNDO"}
-
-    filepath: StringProperty(
-        name="Views",
-        description="One image or a folder of views, instead of those that the panel names",
-        subtype="FILE_PATH",
-        options={"SKIP_SAVE"},
-    )
 
     _request: GenerationRequest
     _job: Job
+    _remaining: Remaining
     _timer: bpy.types.Timer | None = None
 
     @classmethod
@@ -49,7 +45,7 @@ class ARM_OT_generate(bpy.types.Operator):
         return True
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Without a window, and from scripts: returns when the object is there."""
+        """Without a window, and from scripts: returns when the result is there."""
         if not self._prepare(context):
             return {"CANCELLED"}
         self._job.start().join()
@@ -64,7 +60,7 @@ class ARM_OT_generate(bpy.types.Operator):
         global _running
         _running = self._job.start()
         manager = context.window_manager
-        manager.arm.fraction, manager.arm.message = 0.0, "Starting"
+        manager.arm.fraction, manager.arm.message, manager.arm.time = 0.0, "Starting", ""
         self._timer = manager.event_timer_add(_TICK, window=context.window)
         manager.progress_begin(0, 100)
         manager.modal_handler_add(self)
@@ -72,14 +68,11 @@ class ARM_OT_generate(bpy.types.Operator):
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if event.type == "ESC" and event.value == "PRESS":
-            self._job.cancel()
-            context.window_manager.arm.message = "Cancelling"
+            _cancel(context, self._job)
             return {"RUNNING_MODAL"}
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
-        report = self._job.latest()
-        if report is not None:
-            self._show(context, *report)
+        self._show(context)
         if not self._job.finished:
             return {"PASS_THROUGH"}
         self._release(context)
@@ -90,23 +83,42 @@ class ARM_OT_generate(bpy.types.Operator):
         self._job.cancel()
         if not self._job.join(_QUIT_PATIENCE):
             logger.warning("the generation did not stop within %s s", _QUIT_PATIENCE)
+            _unfinished.append(self._job)
         self._release(context)
 
     def _prepare(self, context: bpy.types.Context) -> bool:
-        views = self.filepath or context.scene.arm.views_path
-        if not views:
-            self.report({"ERROR"}, "Choose an image or a folder of views first")
+        context.window_manager.arm.error = ""
+        try:
+            wanted = self._wanted(context)
+        except ArmError as error:
+            self._fail(context, str(error))
             return False
-        self._request = _request_from(context, Path(bpy.path.abspath(views)))
-        self._job = Job(partial(generate, self._request))
+        self._request = wanted
+        self._remaining = Remaining(wanted.preset, wanted.quality, wanted.mesh is not None)
+        self._job = Job(self._work(wanted))
         return True
 
-    def _show(self, context: bpy.types.Context, fraction: float, message: str) -> None:
-        manager = context.window_manager
-        manager.arm.fraction, manager.arm.message = fraction, message
-        manager.progress_update(int(100 * fraction))
-        context.workspace.status_text_set(f"{message}  |  Esc: cancel")
-        redraw_views(context)
+    def _work(self, wanted: GenerationRequest) -> Callable[[Progress], Any]:
+        """What runs on the thread."""
+        return partial(generate, wanted)
+
+    def _show(self, context: bpy.types.Context) -> None:
+        manager, job = context.window_manager, self._job
+        before = manager.arm.fraction, manager.arm.message, manager.arm.time
+        report = job.latest()
+        if report is not None:
+            manager.arm.fraction = report[0]
+            manager.progress_update(int(100 * report[0]))
+        if not job.cancelled:  # Reports that were under way must not hide that the wish was heard.
+            if report is not None:
+                manager.arm.message = report[1]
+            left = self._remaining.seconds(manager.arm.fraction, job.elapsed)
+            guess = "" if left is None else f", about {clock(left)} left"
+            manager.arm.time = f"{clock(job.elapsed)}{guess}"
+        if before != (manager.arm.fraction, manager.arm.message, manager.arm.time):
+            if not job.cancelled:
+                context.workspace.status_text_set(f"{manager.arm.message}  |  {manager.arm.time}  |  Esc: cancel")
+            redraw_sidebars(context)
 
     def _release(self, context: bpy.types.Context) -> None:
         global _running
@@ -114,31 +126,77 @@ class ARM_OT_generate(bpy.types.Operator):
         manager = context.window_manager
         manager.event_timer_remove(self._timer)
         manager.progress_end()
-        manager.arm.fraction, manager.arm.message = 0.0, ""
+        manager.arm.fraction, manager.arm.message, manager.arm.time = 0.0, "", ""
         if context.workspace is not None:  # None while Blender quits.
             context.workspace.status_text_set(None)
-        redraw_views(context)
+        redraw_sidebars(context)
 
     def _conclude(self, context: bpy.types.Context) -> set[str]:
-        """Build the object on the main thread, or say why there is none."""
+        """Bring the result into the scene on the main thread, or say why there is none."""
         job = self._job
         if isinstance(job.error, Cancelled):
             self.report({"INFO"}, "Generation cancelled")
             return {"CANCELLED"}
-        if job.error is not None:
-            self.report({"ERROR"}, str(job.error))
-            return {"CANCELLED"}
         if job.failure is not None:
             logger.error("%s", job.failure)
-            self.report({"ERROR"}, f"Internal error: {job.failure.strip().splitlines()[-1]} (see the console)")
-            return {"CANCELLED"}
-        from .scene import build_object, place  # Imports torch, which the worker has loaded by now.
-
-        asset, report = job.result
-        created = build_object(asset, self._request.as_settings() | {"report": report.as_dict()})
-        place(created, context.scene.arm.placement)
-        self.report({"INFO"}, f"{created.name}: {len(created.data.polygons)} faces")
+            return self._fail(context, f"Internal error: {job.failure.strip().splitlines()[-1]} (see the console)")
+        try:
+            if job.error is not None:
+                raise job.error
+            self.report({"INFO"}, self._deliver(context, job.result))
+        except ArmError as error:
+            logger.info("the run failed", exc_info=error)
+            return self._fail(context, str(error))
         return {"FINISHED"}
+
+    def _fail(self, context: bpy.types.Context, message: str) -> set[str]:
+        """Say it once in Blender's own way, and keep it in the panel until the next run."""
+        context.window_manager.arm.error = message
+        self.report({"ERROR"}, message)
+        return {"CANCELLED"}
+
+
+class ARM_OT_generate(Run, bpy.types.Operator):
+    """Turn the views into a textured, relightable mesh"""
+
+    bl_idname = "arm.generate"
+    bl_label = "Generate"
+
+    filepath: StringProperty(
+        name="Views",
+        description="One image or a folder of views, instead of those that the panel names",
+        subtype="FILE_PATH",
+        options={"SKIP_SAVE"},
+    )
+
+    def _wanted(self, context: bpy.types.Context) -> GenerationRequest:
+        return request.from_panel(context, self.filepath)
+
+    def _deliver(self, context: bpy.types.Context, made: Generated) -> str:
+        from .results import add_result  # Imports torch, which the worker has loaded by now.
+
+        created = add_result(context, made, self._request)
+        return f"{created.name}: {len(created.data.polygons)} faces"
+
+
+class ARM_OT_regenerate(Run, bpy.types.Operator):
+    """Make the appearance of the active result anew, with the ticks and weights of its views; the shape stays"""
+
+    bl_idname = "arm.regenerate"
+    bl_label = "Regenerate Appearance"
+
+    _name: str
+
+    def _wanted(self, context: bpy.types.Context) -> GenerationRequest:
+        wanted = request.from_result(context)
+        self._name = wanted.mesh.name
+        return wanted
+
+    def _deliver(self, context: bpy.types.Context, made: Generated) -> str:
+        from .results import renew_appearance
+
+        renew_appearance(self._name, made, self._request)
+        return f"{self._name}: new appearance"
 
 
 class ARM_OT_cancel(bpy.types.Operator):
@@ -152,9 +210,17 @@ class ARM_OT_cancel(bpy.types.Operator):
         return _running is not None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        _running.cancel()
-        context.window_manager.arm.message = "Cancelling"
+        _cancel(context, _running)
         return {"FINISHED"}
+
+
+def _cancel(context: bpy.types.Context, job: Job) -> None:
+    """Ask the job to stop, and show at once that this was heard."""
+    job.cancel()
+    state = context.window_manager.arm
+    state.message, state.time = "Cancelling", ""
+    context.workspace.status_text_set("Cancelling")
+    redraw_sidebars(context)
 
 
 def is_running() -> bool:
@@ -162,30 +228,28 @@ def is_running() -> bool:
     return _running is not None
 
 
-def redraw_views(context: bpy.types.Context) -> None:
-    """Ask every 3D view to draw its panels anew."""
+def stop_all() -> None:
+    """Cancel what runs, and wait for every thread of ours."""
+    global _running
+    if _running is not None:
+        _running.cancel()
+        _unfinished.append(_running)
+        _running = None
+    for job in _unfinished:
+        job.join(_QUIT_PATIENCE)
+    _unfinished.clear()
+
+
+def redraw_sidebars(context: bpy.types.Context) -> None:
+    """Ask every 3D view to draw its sidebar anew, and not the scene, which may take long."""
     for window in context.window_manager.windows:
         for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.tag_redraw()
+            for region in area.regions if area.type == "VIEW_3D" else ():
+                if region.type == "UI":
+                    region.tag_redraw()
 
 
-def _request_from(context: bpy.types.Context, views: Path) -> GenerationRequest:
-    settings = context.scene.arm
-    chosen = preferences()
-    threads = (chosen.threads if chosen is not None else 0) or max(1, (os.cpu_count() or 2) - 1)
-    return GenerationRequest(
-        views=views,
-        preset=settings.preset,
-        quality=settings.quality,
-        texture_size=None if settings.texture_size == "AUTO" else int(settings.texture_size),
-        faces=settings.faces or None,
-        seed=settings.seed,
-        threads=threads,
-    )
-
-
-classes = (ARM_OT_generate, ARM_OT_cancel)
+classes = (ARM_OT_generate, ARM_OT_regenerate, ARM_OT_cancel)
 
 
 def register() -> None:
@@ -195,10 +259,6 @@ def register() -> None:
 
 def unregister() -> None:
     """Stop a running job first: its thread must not outlive the code that it runs."""
-    global _running
-    if _running is not None:
-        _running.cancel()
-        _running.join(_QUIT_PATIENCE)
-        _running = None
+    stop_all()
     for cls in reversed(classes):
         bpy.utils.unregister_class(cls)

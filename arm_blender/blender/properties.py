@@ -1,16 +1,101 @@
 """What the user chooses, kept with the scene, and how the running job stands, kept with the window manager."""
 
 import bpy
-from bpy.props import EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
+
+from .compat import BLEND_RELATIVE
+
+
+def _views_changed(settings: "ARM_PG_settings", context: bpy.types.Context) -> None:
+    from . import view_list
+
+    view_list.look_soon(context)
+
+
+class ARM_PG_view(bpy.types.PropertyGroup):
+    """One view of the chosen pictures; `name` is that of its file or camera."""
+
+    use: BoolProperty(name="Use", description="Take this view into account", default=True)
+    weight: FloatProperty(
+        name="Weight",
+        description="How much this view counts in the texture, where others see the same",
+        default=1.0,
+        min=1e-6,
+        max=1e6,
+        soft_max=10.0,
+    )
+    sees: BoolProperty(default=True)
 
 
 class ARM_PG_settings(bpy.types.PropertyGroup):
     """Input and options of the next generation."""
 
+    source: EnumProperty(
+        name="Pictures",
+        description="Where the pictures of the object are",
+        items=(
+            ("FILES", "Image or Views", "One image, or a folder of views"),
+            ("CAMERAS", "Scene Cameras", "The background images of the scene's cameras"),
+        ),
+        default="FILES",
+        update=_views_changed,
+    )
     views_path: StringProperty(
         name="Views",
         description="One image, a folder with transforms.json, or a folder of six images in the rig's order",
         subtype="FILE_PATH",
+        options=BLEND_RELATIVE,
+        update=_views_changed,
+    )
+    views: CollectionProperty(type=ARM_PG_view)
+    views_of: StringProperty(description="What the list of views was read from")
+    views_kind: StringProperty(description="picture, rig or posed")
+    multiview_model: StringProperty(
+        name="Weights",
+        description="Folder of Zero123++'s weights, as diffusers saves a pipeline; they are not shipped",
+        subtype="DIR_PATH",
+        options=BLEND_RELATIVE,
+    )
+    multiview_steps: IntProperty(
+        name="Steps", description="Of drawing; 75 for faces and fine patterns", default=28, min=1, max=1000
+    )
+    elevation: FloatProperty(
+        name="Elevation",
+        description="Degrees by which the picture looks down on the object",
+        default=10.0,
+        min=-90.0,
+        max=90.0,
+    )
+    fovy: FloatProperty(
+        name="Field of View",
+        description="Of the assumed cameras, in degrees, from top to bottom",
+        default=30.0,
+        min=1.0,
+        max=170.0,
+    )
+    rig_distance: FloatProperty(
+        name="Distance",
+        description="From the rig's cameras to the middle of the object, whose longest side is at most 2",
+        default=4.0,
+        min=0.1,
+        soft_max=10.0,
+    )
+    shape: EnumProperty(
+        name="Shape",
+        description="Where the shape of the object comes from",
+        items=(
+            ("NETWORK", "From Pictures", "Reconstruct it"),
+            ("MESH", "Selected Mesh", "Keep the shape of the active mesh, and its UVs if they are an atlas"),
+        ),
+        default="NETWORK",
     )
     preset: EnumProperty(
         name="Preset",
@@ -28,7 +113,7 @@ class ARM_PG_settings(bpy.types.PropertyGroup):
         items=(
             ("draft", "Draft", "For a first look"),
             ("balanced", "Balanced", "For most objects"),
-            ("final", "Final", "For close-ups; takes several times as long"),
+            ("final", "Final", "For close-ups; takes longest"),
         ),
         default="balanced",
     )
@@ -60,16 +145,30 @@ class ARM_PG_settings(bpy.types.PropertyGroup):
         ),
         default="ground",
     )
+    size: FloatProperty(
+        name="Size",
+        description="Length of the object's longest side",
+        subtype="DISTANCE",
+        default=1.0,
+        min=1e-3,
+        soft_max=100.0,
+    )
+    as_asset: BoolProperty(
+        name="Mark as Asset", description="Show the result in the asset browser, with a preview", default=False
+    )
 
 
 class ARM_PG_state(bpy.types.PropertyGroup):
-    """Progress of the running job, for the panel; never saved."""
+    """How the running job stands and how the last one failed, for the panel; never saved."""
 
     fraction: FloatProperty(name="Progress", subtype="FACTOR", min=0.0, max=1.0, options={"SKIP_SAVE"})
     message: StringProperty(name="Message", options={"SKIP_SAVE"})
+    time: StringProperty(name="Time", options={"SKIP_SAVE"})
+    error: StringProperty(name="Error", options={"SKIP_SAVE"})
+    views_error: StringProperty(name="Error of the Views", options={"SKIP_SAVE"})
 
 
-classes = (ARM_PG_settings, ARM_PG_state)
+classes = (ARM_PG_view, ARM_PG_settings, ARM_PG_state)
 
 
 def register() -> None:

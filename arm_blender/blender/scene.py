@@ -2,16 +2,14 @@
 
 import json
 from collections.abc import Mapping
-from typing import Literal
 
 import bpy
 import numpy as np
 
-from ..structures import RelightableAsset, UvMesh
+from ..structures import MaterialMaps, RelightableAsset, UvMesh
 from ..version import VERSION
+from .compat import shader_tree
 from .material_nodes import build_material
-
-Placement = Literal["cameras", "ground"]
 
 
 def build_object(
@@ -31,8 +29,7 @@ def build_object(
     mesh = build_mesh(asset.name, asset.mesh)
     created = bpy.data.objects.new(asset.name, mesh)
     mesh.materials.append(build_material(created.name, asset.maps))
-    created["arm_version"] = VERSION
-    created["arm_settings"] = json.dumps(dict(settings), default=str, sort_keys=True)
+    _keep_settings(created, settings)
     collection = bpy.data.collections.new(asset.name)
     collection.objects.link(created)
     scene.collection.children.link(collection)
@@ -63,21 +60,38 @@ def build_mesh(name: str, mesh: UvMesh) -> bpy.types.Mesh:
     return created
 
 
-def place(placed: bpy.types.Object, where: Placement) -> None:
-    """Move an object that `build_object` made.
+def replace_maps(shown: bpy.types.Object, maps: MaterialMaps, settings: Mapping[str, object]) -> None:
+    """Give an object that `build_object` made other maps on the same atlas; mesh, place and selection stay.
+
+    The object gets a new material in its first slot. The old one goes with its images, unless it is used elsewhere or
+    the user's own.
 
     Args:
-        where: "cameras" leaves it in the frame of the views' cameras; "ground" stands it on z = 0 with the middle
-            of its bounding box over or under the 3D cursor.
+        shown: the object.
+        maps: of its atlas.
+        settings: what they were made with, kept as by `build_object`.
     """
-    if where == "cameras":
-        placed.location = (0.0, 0.0, 0.0)
-        return
-    corners = np.array(placed.bound_box)  # (8, 3) in the object's space
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    cursor = bpy.context.scene.cursor.location
-    middle = (low + high) / 2.0
-    placed.location = (cursor.x - middle[0], cursor.y - middle[1], -low[2])
+    if not shown.material_slots:
+        shown.data.materials.append(None)
+    slot = shown.material_slots[0]
+    old = slot.material
+    images = set()
+    replaced = old is not None and "arm_maps" in old and old.users == 1
+    if replaced:
+        textures = (node for node in shader_tree(old).nodes if node.type == "TEX_IMAGE")
+        images = {texture.image for texture in textures if texture.image is not None}
+        for block in (old, *images):
+            block.name = f"old {block.name}"  # The new ones take their names.
+    slot.material = build_material(shown.name, maps)
+    _keep_settings(shown, settings)
+    if replaced:
+        bpy.data.materials.remove(old)
+        bpy.data.batch_remove({image for image in images if not image.users})
+
+
+def _keep_settings(made: bpy.types.Object, settings: Mapping[str, object]) -> None:
+    made["arm_version"] = VERSION
+    made["arm_settings"] = json.dumps(dict(settings), default=str)
 
 
 def _select_alone(chosen: bpy.types.Object) -> None:

@@ -14,6 +14,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from .. import run as run_of
 from ..errors import ArmError, InputImageError
 from ..files import check_output
 from ..progress import part
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from ..config import Settings
     from ..progress import Progress
     from ..report import Report
-    from ..structures import RelightableAsset
+    from ..structures import RelightableAsset, ViewSet
     from ..views import ViewOptions
 
 LONGEST_NAME = 200
@@ -122,25 +123,27 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
         ArmError: as the stages.
     """
     check_output(args.output)
-    from ..report import Report
+    report = run_of.begin(args.preset, args.device, args.seed, progress)
+    from ..export import write_asset
+    from ..placement import on_the_ground
+    from ..uv.mesh_file import read_mesh
+    from ..views import load_views
 
-    report = Report(args.preset, args.device, args.seed)
-    progress(0.0, "starting")
-    with report.stage("start"):  # Importing torch is most of it; the next item of a batch finds it done.
-        from .. import pipeline
-        from ..export import write_asset
-        from ..views import load_views
     settings, options = settings_of(args), view_options_of(args)
-    with report.stage("views"):
-        loaded = 0.05 if args.multiview == "none" else 0.5
-        views = load_views(args.views, options, part(progress, 0.0, loaded), report.leave_out, report.note_mask)
-    if name is not None:
-        views = replace(views, name=name)
-    if len(os.fsencode(views.name)) > LONGEST_NAME:
-        raise InputImageError(f"{args.views}: the name is too long for the files made of it; rename it")
-    asset, report = pipeline.generate(views, settings, part(progress, loaded, 0.85), report)
+
+    def read_views(progress: Progress, report: Report) -> ViewSet:
+        views = load_views(args.views, options, progress, report.leave_out, report.note_mask)
+        if name is not None:
+            views = replace(views, name=name)
+        if len(os.fsencode(views.name)) > LONGEST_NAME:
+            raise InputImageError(f"{args.views}: the name is too long for the files made of it; rename it")
+        return views
+
+    own_mesh = None if args.mesh is None else lambda views: read_mesh(args.mesh)
+    drawing = 0.6 if args.multiview != "none" else run_of.LOADING_SHARE
+    asset = run_of.make(settings, read_views, own_mesh, part(progress, 0.0, 0.85), report, drawing)
     if args.place == "ground":
-        asset = on_the_ground(asset)
+        asset, _ = on_the_ground(asset)
 
     def add_blender_files(stage: Path) -> None:
         _write_blender_files(asset, stage, settings, args.preview, report, part(progress, 0.9, 0.99))
@@ -157,7 +160,7 @@ def settings_of(args: argparse.Namespace) -> Settings:
     """
     from ..config import Settings
 
-    names = "preset quality texture_size faces grid dense seed device threads blend mesh precision random_weights"
+    names = "preset quality texture_size faces grid dense seed device threads blend precision random_weights"
     values = {name: getattr(args, name) for name in names.split()}
     if args.time_limit is not None:
         values["time_limit"] = args.time_limit
@@ -197,16 +200,6 @@ def view_options_of(args: argparse.Namespace) -> ViewOptions:
         )
     except ArmError as error:
         raise UsageError(str(error)) from error
-
-
-def on_the_ground(asset: RelightableAsset) -> RelightableAsset:
-    """The asset standing on z = 0, the middle of its bounding box over the origin."""
-    import torch
-
-    vertices = asset.mesh.vertices
-    low, high = vertices.amin(dim=0), vertices.amax(dim=0)
-    foot = torch.stack([(low[0] + high[0]) / 2.0, (low[1] + high[1]) / 2.0, low[2]])
-    return replace(asset, mesh=replace(asset.mesh, vertices=vertices - foot))
 
 
 def _write_blender_files(

@@ -74,7 +74,12 @@ def unwrap(mesh: TriangleMesh, config: UnwrapConfig, progress: Progress = silent
     # A vertex has one place in each chart that meets in it.
     corner, face_uvs = torch.unique(faces * charts + chart[:, None], return_inverse=True)
     limit = config.time_limit - (time.monotonic() - started)
-    uvs = _by_xatlas(plane, corner % charts, face_uvs, config, limit, progress) if limit > 0 else None
+    uvs = None
+    if limit > 0:
+        try:
+            uvs = _by_xatlas(plane, corner % charts, face_uvs, config, limit, progress)
+        except OSError as error:  # The folder for temporary files is full, read-only or missing.
+            logger.warning("xatlas got no temporary files (%s); packing on shelves", error)
     packing: Packing = "xatlas"
     if uvs is None:
         progress(0.9, "Packing charts on shelves")

@@ -83,13 +83,43 @@ def load_views(
         Cancelled: by `progress`.
     """
     options = options or ViewOptions()
+    return view_set(read_views(path, options, progress, left_out, heard), path, options.weights, left_out)
+
+
+def read_views(
+    path: Path,
+    options: ViewOptions,
+    progress: Progress = silent,
+    left_out: LeaveOut | None = None,
+    heard: Heard = unheard,
+) -> list[View]:
+    """All views at `path`, cut out, also those that see nothing: what `load_views` chooses from.
+
+    Raises:
+        as `load_views`.
+    """
     try:
-        views = _read(path, options, progress, left_out or _untold, heard)
+        return _read(path, options, progress, left_out or _untold, heard)
     except OSError as error:
         raise InputImageError(f"{path}: cannot be read ({error.strerror}); check the path and its rights") from error
+
+
+def view_set(
+    views: list[View], path: Path, weights: tuple[float, ...] | None = None, left_out: LeaveOut | None = None
+) -> ViewSet:
+    """The views that see something, as one set named after `path`.
+
+    Args:
+        views: cut out, with their cameras.
+        path: where they are from; need not exist.
+        weights: one per view, over the views' own.
+        left_out: as for `load_views`.
+    Raises:
+        InputImageError: sizes differ, no view sees anything, or a weight does not do.
+    """
     preprocess.same_size([view.image for view in views], [view.path for view in views])
-    if options.weights is not None:
-        views = _weighted(views, options.weights, path)
+    if weights is not None:
+        views = _weighted(views, weights, path)
     for view in views:
         if view.weight != 0.0 and not WEIGHTS[0] <= view.weight <= WEIGHTS[1]:
             limits = " to ".join(f"{limit:g}" for limit in WEIGHTS)
@@ -109,6 +139,11 @@ def load_views(
         weights=torch.tensor([view.weight for view in views]),
         name=_name(path),
     )
+
+
+def has_cameras(path: Path) -> bool:
+    """Whether the views at `path` come with cameras of their own; else they are assumed."""
+    return path.suffix.lower() == ".json" or (path / TRANSFORMS).is_file()
 
 
 def _untold(what: str, why: str) -> None:

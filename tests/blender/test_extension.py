@@ -1,14 +1,18 @@
 """The extension comes and goes without a trace, runs blocking without a window, and hands on what the user chose."""
 
+import json
+import re
 import subprocess
 import sys
 import types
 from pathlib import Path
 
 import pytest
+import torch
 
 import arm_blender
 from arm_blender.errors import Cancelled, InputImageError
+from arm_blender.views.scene_frame import IDENTITY
 
 bpy = pytest.importorskip("bpy")
 from arm_blender.blender import cli, generation, operators  # noqa: E402
@@ -33,7 +37,7 @@ def answer(monkeypatch, asset):
     def pipeline(request, progress):
         requests.append(request)
         progress(0.5, "half way")
-        return asset, types.SimpleNamespace(as_dict=lambda: {"faces": 576})
+        return generation.Generated(asset, types.SimpleNamespace(as_dict=lambda: {"faces": 576}), IDENTITY)
 
     monkeypatch.setattr(operators, "generate", pipeline)
     return requests
@@ -47,25 +51,30 @@ def ours() -> list[str]:
 def test_registering_twice_leaves_nothing_behind(empty_file):
     for _ in range(2):
         arm_blender.register()
-        assert len(ours()) == 6
+        assert len(ours()) == 13
         assert bpy.context.scene.arm.preset == "small"
         arm_blender.unregister()
     assert ours() == []
     assert not hasattr(bpy.types.Scene, "arm") and not hasattr(bpy.types.WindowManager, "arm")
+    assert not hasattr(bpy.types.Material, "arm_view")
     assert not hasattr(bpy.types, "ARM_OT_generate")
 
 
 def test_generating_in_the_background_waits_for_the_object(extension, answer, tmp_path):
     scene = bpy.context.scene.arm
     scene.texture_size, scene.faces, scene.seed, scene.placement = "1024", 5000, 7, "ground"
+    scene.size, bpy.context.scene.cursor.location = 0.5, (3.0, -2.0, 5.0)
     assert bpy.ops.arm.generate("INVOKE_DEFAULT", filepath=str(tmp_path)) == {"FINISHED"}
     made = bpy.context.object
     assert (made.name, len(made.data.polygons)) == ("ring", 576)
-    assert made.location.z == pytest.approx(0.3, abs=1e-5)
+    assert tuple(made.location) == (3.0, -2.0, 0.0) and max(made.dimensions) == pytest.approx(0.5)
+    assert min(corner[2] for corner in made.bound_box) == pytest.approx(0.0, abs=1e-6)
     (request,) = answer
     assert request.views == tmp_path
     assert (request.texture_size, request.faces, request.seed) == (1024, 5000, 7)
-    assert '"faces": 576' in made["arm_settings"]
+    kept = json.loads(made["arm_settings"])
+    assert kept["report"] == {"faces": 576} and kept["views"] == str(tmp_path) and kept["texture_size"] == 1024
+    assert set(kept["versions"]) == {"arm", "blender", "torch"}
     assert not operators.is_running()
 
 
@@ -91,6 +100,25 @@ def test_an_error_is_reported_and_nothing_is_made(extension, monkeypatch, tmp_pa
     with pytest.raises(RuntimeError, match=shown):
         bpy.ops.arm.generate(filepath=str(tmp_path))
     assert len(bpy.data.objects) == 0
+    assert re.match(shown, bpy.context.window_manager.arm.error)
+
+
+def test_a_failure_stays_in_the_panel_until_the_next_run(extension, answer, tmp_path):
+    with pytest.raises(RuntimeError):
+        bpy.ops.arm.generate()
+    assert "Choose an image" in bpy.context.window_manager.arm.error
+    bpy.ops.arm.generate(filepath=str(tmp_path))
+    assert bpy.context.window_manager.arm.error == ""
+
+
+@pytest.mark.parametrize("mode", ["EDIT", "SCULPT"])
+def test_a_result_that_arrives_in_another_mode_changes_neither_mode_nor_selection(extension, answer, tmp_path, mode):
+    bpy.ops.mesh.primitive_cube_add()
+    cube = bpy.context.object
+    bpy.ops.object.mode_set(mode=mode)
+    assert bpy.ops.arm.generate(filepath=str(tmp_path)) == {"FINISHED"}
+    assert (cube.mode, bpy.context.object, list(bpy.context.selected_objects)) == (mode, cube, [cube])
+    assert "ring" in bpy.context.scene.objects
 
 
 def test_a_cancelled_generation_makes_nothing_and_is_no_error(extension, monkeypatch, tmp_path):
@@ -130,10 +158,10 @@ def test_the_command_hands_its_words_to_the_command_line(monkeypatch):
 
 
 def test_request_and_worker_know_nothing_of_bpy():
-    source = "import sys, arm_blender.blender.job, arm_blender.blender.generation; print('bpy' in sys.modules)"
+    modules = ", ".join(f"arm_blender.blender.{name}" for name in ("generation", "job", "looking", "remaining"))
+    source = f"import sys, {modules}; print('bpy' in sys.modules, 'torch' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", source], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"
-    assert generation.GenerationRequest(Path("a/mug.png")).as_settings()["views"] == "mug.png"
+    assert done.stdout.strip() == "False False"
 
 
 def test_registering_imports_no_torch():
@@ -142,7 +170,7 @@ def test_registering_imports_no_torch():
     assert done.stdout.strip() == "False"
 
 
-def test_a_request_becomes_settings_and_one_rising_progress(monkeypatch, tmp_path):
+def test_a_request_becomes_settings_and_one_rising_progress(monkeypatch, tmp_path, asset):
     from arm_blender import pipeline, views
 
     seen = {}
@@ -150,22 +178,27 @@ def test_a_request_becomes_settings_and_one_rising_progress(monkeypatch, tmp_pat
     def load_views(path, options=None, progress=None, left_out=None, heard=None):
         progress(1.0, "loaded")
         left_out("view 3", "sees nothing")
+        seen.update(options=options)
         return path
 
-    def generate(loaded, settings, progress, report):
-        seen.update(loaded=loaded, settings=settings)
+    def generate(loaded, settings, progress, report, mesh):
+        seen.update(loaded=loaded, settings=settings, mesh=mesh)
         progress(0.5, "half way")
         progress(1.0, "done")
-        return "asset", report
+        return asset, report
 
     monkeypatch.setattr(views, "load_views", load_views)
     monkeypatch.setattr(pipeline, "generate", generate)
     fractions = []
-    request = generation.GenerationRequest(tmp_path, quality="draft", texture_size=256, faces=500, seed=9, threads=1)
-    asset, report = generation.generate(request, lambda fraction, message: fractions.append(fraction))
-    assert (asset, seen["loaded"]) == ("asset", tmp_path)
+    request = generation.GenerationRequest(
+        tmp_path, None, (1.0, 0.0), 20.0, quality="draft", texture_size=256, faces=500, seed=9, threads=1
+    )
+    made = generation.generate(request, lambda fraction, message: fractions.append(fraction))
+    assert (made.asset.name, seen["loaded"], seen["mesh"]) == ("ring", tmp_path, None)
+    assert torch.equal(made.asset.mesh.vertices, asset.mesh.vertices)
+    assert (seen["options"].weights, seen["options"].elevation_deg) == ((1.0, 0.0), 20.0)
     settings = seen["settings"]
     assert (settings.quality, settings.texture_size, settings.faces) == ("draft", 256, 500)
-    assert (settings.seed, settings.threads, report.seed) == (9, 1, 9)
-    assert report.as_dict()["left_out"] == [{"what": "view 3", "why": "sees nothing"}]
+    assert (settings.seed, settings.threads, made.report.seed) == (9, 1, 9)
+    assert made.report.as_dict()["left_out"] == [{"what": "view 3", "why": "sees nothing"}]
     assert fractions == sorted(fractions) and fractions[-1] == 1.0

@@ -1,7 +1,9 @@
 """The operator behind a window: it polls, cancels on Esc, and lets go of everything in each way that it can end."""
 
+import re
 import threading
 import types
+from functools import partial
 
 import pytest
 
@@ -9,6 +11,7 @@ from arm_blender.errors import Cancelled
 
 bpy = pytest.importorskip("bpy")
 from arm_blender.blender import operators  # noqa: E402
+from arm_blender.blender.generation import GenerationRequest  # noqa: E402
 
 pytestmark = pytest.mark.blender
 
@@ -22,7 +25,7 @@ class Window:
     """What the operator asks of a window manager and a workspace, remembered."""
 
     def __init__(self):
-        self.arm = types.SimpleNamespace(fraction=0.0, message="")
+        self.arm = types.SimpleNamespace(fraction=0.0, message="", time="", error="")
         self.windows, self.timers, self.handlers, self.status = [], set(), [], None
 
     def event_timer_add(self, seconds, window):
@@ -51,26 +54,19 @@ def window() -> Window:
 
 
 @pytest.fixture
-def context(window, tmp_path):
-    settings = types.SimpleNamespace(
-        views_path=str(tmp_path),
-        preset="small",
-        quality="draft",
-        texture_size="AUTO",
-        faces=0,
-        seed=0,
-        placement="cameras",
-    )
-    scene = types.SimpleNamespace(arm=settings)
-    return types.SimpleNamespace(window_manager=window, window=None, workspace=window, scene=scene)
+def context(window):
+    return types.SimpleNamespace(window_manager=window, window=None, workspace=window)
 
 
 @pytest.fixture
-def operator(monkeypatch):
+def operator(monkeypatch, tmp_path):
     """The operator's own methods on a plain object: Blender makes instances of its classes for itself only."""
-    shown = types.SimpleNamespace(app=types.SimpleNamespace(background=False), path=bpy.path)
+    shown = types.SimpleNamespace(app=types.SimpleNamespace(background=False))
     monkeypatch.setattr(operators, "bpy", shown)
-    methods = {name: value for name, value in vars(operators.ARM_OT_generate).items() if callable(value)}
+    wanted = GenerationRequest(tmp_path, quality="draft")
+    monkeypatch.setattr(operators.request, "from_panel", lambda context, filepath: wanted)
+    classes = (operators.Run, operators.ARM_OT_generate)
+    methods = {name: value for cls in classes for name, value in vars(cls).items() if callable(value)}
     made = type("Driven", (), {**methods, "filepath": ""})()
     made.reports = []
     made.report = lambda kind, message: made.reports.append((kind, message))
@@ -102,7 +98,8 @@ def start(operator, context, work):
 
 def assert_all_is_released(window):
     assert not operators.is_running()
-    assert (window.timers, window.status, window.arm.fraction, window.arm.message) == (set(), None, 0.0, "")
+    assert (window.timers, window.status) == (set(), None)
+    assert (window.arm.fraction, window.arm.message, window.arm.time) == (0.0, "", "")
 
 
 def test_progress_reaches_the_panel_while_events_pass_through(operator, context, window, work):
@@ -111,6 +108,7 @@ def test_progress_reaches_the_panel_while_events_pass_through(operator, context,
     assert operator.modal(context, TIMER) == {"PASS_THROUGH"}
     assert (window.arm.fraction, window.arm.message) == (0.25, "a quarter")
     assert "Esc" in window.status
+    assert re.fullmatch(r"0:0\d, about \d+:\d\d left", window.arm.time)
     work.go_on.set()
     operator.cancel(context)
     assert_all_is_released(window)
@@ -119,7 +117,9 @@ def test_progress_reaches_the_panel_while_events_pass_through(operator, context,
 def test_escape_ends_at_the_next_report(operator, context, window, work):
     start(operator, context, work)
     assert operator.modal(context, ESCAPE) == {"RUNNING_MODAL"}
+    assert (window.arm.message, window.status) == ("Cancelling", "Cancelling")
     assert operator.modal(context, TIMER) == {"PASS_THROUGH"}, "the thread has not noticed yet"
+    assert window.arm.message == "Cancelling", "an older report must not hide it"
     work.go_on.set()
     assert operator._job.join(PATIENCE)
     assert operator.modal(context, TIMER) == {"CANCELLED"}
@@ -135,6 +135,7 @@ def test_a_failure_is_reported_and_releases_the_window(operator, context, window
     assert operator.modal(context, TIMER) == {"CANCELLED"}
     ((kind, message),) = operator.reports
     assert kind == {"ERROR"} and "shape (3, 4)" in message
+    assert window.arm.error == message
     assert_all_is_released(window)
 
 
@@ -149,12 +150,43 @@ def test_quitting_waits_for_the_thread(operator, context, window, work):
     assert_all_is_released(window)
 
 
+def test_disabling_waits_for_a_thread_that_loading_a_file_did_not_wait_for(operator, context, work, monkeypatch):
+    start(operator, context, work)
+    monkeypatch.setattr(operators, "_QUIT_PATIENCE", 0.05)
+    operator.cancel(context)
+    assert not operator._job.finished and not operators.is_running()
+    monkeypatch.setattr(operators, "_QUIT_PATIENCE", PATIENCE)
+    threading.Timer(0.2, work.go_on.set).start()
+    operators.stop_all()
+    assert operator._job.finished
+
+
 def test_a_second_run_is_refused_while_one_runs(operator, context, window, work):
     start(operator, context, work)
     refused = []
     cls = types.SimpleNamespace(poll_message_set=refused.append)
-    assert operators.ARM_OT_generate.poll.__func__(cls, context) is False
+    assert operators.Run.poll.__func__(cls, context) is False
     assert refused == ["A generation is running"]
     work.go_on.set()
     operator.cancel(context)
-    assert operators.ARM_OT_generate.poll.__func__(cls, context) is True
+    assert operators.Run.poll.__func__(cls, context) is True
+
+
+def test_only_sidebars_are_drawn_anew_and_only_where_something_changed(operator, context, window, work, monkeypatch):
+    """Drawing the scene may take seconds; a tick of the timer must not ask for it."""
+    drawn = []
+    monkeypatch.setattr(operators.Job, "elapsed", 1.0)
+    kinds = ("UI", "WINDOW")
+    regions = [types.SimpleNamespace(type=kind, tag_redraw=partial(drawn.append, kind)) for kind in kinds]
+    area = types.SimpleNamespace(type="VIEW_3D", regions=regions)
+    window.windows = [types.SimpleNamespace(screen=types.SimpleNamespace(areas=[area]))]
+    start(operator, context, work)
+    operator.modal(context, TIMER)
+    assert set(drawn) == {"UI"}
+    window.arm.fraction, window.arm.message, window.arm.time = 0.25, "a quarter", ""
+    count = len(drawn)
+    operator.modal(context, TIMER)
+    operator.modal(context, TIMER)
+    assert len(drawn) == count + 1, "once for the time that was cleared"
+    work.go_on.set()
+    operator.cancel(context)

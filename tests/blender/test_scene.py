@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import torch
 
-from arm_blender.structures import RelightableAsset, UvMesh
+from arm_blender.structures import UvMesh
 
 pytest.importorskip("bpy")
-from arm_blender.blender.scene import build_mesh, build_object, place  # noqa: E402
+from arm_blender.blender.scene import build_mesh, build_object, replace_maps  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("empty_file")]
 
@@ -75,13 +75,14 @@ def test_the_object_stands_alone_selected_in_its_own_collection(asset, empty_fil
     assert json.loads(built["arm_settings"])["seed"] == 3
 
 
-def test_in_edit_mode_the_users_work_goes_on(asset, empty_file):
+@pytest.mark.parametrize("mode", ["EDIT", "SCULPT"])
+def test_in_another_mode_the_users_work_goes_on(asset, empty_file, mode):
     bpy = empty_file
     bpy.ops.mesh.primitive_cube_add()
     cube = bpy.context.object
-    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.object.mode_set(mode=mode)
     built = build_object(asset, {})
-    assert bpy.context.mode == "EDIT_MESH"
+    assert cube.mode == mode
     assert bpy.context.object == cube
     assert list(bpy.context.selected_objects) == [cube]
     assert built.name in bpy.context.scene.objects
@@ -93,22 +94,40 @@ def test_two_of_one_name_share_nothing(asset):
     assert first.active_material != second.active_material
 
 
-@pytest.mark.parametrize("cursor", [(0.0, 0.0, 0.0), (3.0, -2.0, 5.0)])
-def test_on_the_ground_the_lowest_point_is_at_zero_under_the_cursor(asset, empty_file, cursor):
-    empty_file.context.scene.cursor.location = cursor
-    lifted = replace(asset.mesh, vertices=asset.mesh.vertices + torch.tensor([1.0, 2.0, 3.0]))
-    built = build_object(RelightableAsset("lifted", lifted, asset.maps), {})
-    place(built, "ground")
-    empty_file.context.view_layer.update()
-    world = np.array(built.matrix_world)[:3, 3] + lifted.vertices.numpy()
-    assert world[:, 2].min() == pytest.approx(0.0, abs=1e-5)
-    middle = (world.min(axis=0) + world.max(axis=0)) / 2
-    assert middle[:2] == pytest.approx(cursor[:2], abs=1e-5)
+def names(blocks) -> list[str]:
+    return sorted(block.name for block in blocks)
 
 
-def test_in_the_cameras_frame_world_and_mesh_coordinates_agree(asset, empty_file):
+def test_new_maps_take_the_place_of_the_old_ones_and_nothing_else_changes(asset, empty_file, make_plain_maps):
+    bpy = empty_file
+    built = build_object(asset, {"seed": 1})
+    built.location, mesh, before = (1.0, 2.0, 3.0), built.data, names(bpy.data.images)
+    replace_maps(built, replace(asset.maps, albedo=1.0 - asset.maps.albedo), {"seed": 2})
+    assert (built.data, tuple(built.location)) == (mesh, (1.0, 2.0, 3.0))
+    assert (names(bpy.data.materials), names(bpy.data.images)) == (["ring"], before)
+    assert json.loads(built["arm_settings"])["seed"] == 2
+    texel = bpy.data.images["ring albedo"].pixels[0]
+    linear = 1.0 - float(asset.maps.albedo[0, -1, 0])
+    assert texel == pytest.approx(1.055 * linear ** (1 / 2.4) - 0.055, abs=1 / 255)
+
+
+@pytest.mark.parametrize("case", ["shared", "own"])
+def test_a_material_that_is_not_only_ours_stays(asset, empty_file, case):
+    bpy = empty_file
     built = build_object(asset, {})
-    place(built, "ground")
-    place(built, "cameras")
-    empty_file.context.view_layer.update()
-    assert np.array_equal(np.array(built.matrix_world), np.eye(4))
+    kept = built.active_material
+    if case == "shared":
+        build_object(asset, {}).data.materials[0] = kept
+    else:
+        kept = bpy.data.materials.new("paint")
+        built.data.materials[0] = kept
+    name = kept.name
+    replace_maps(built, asset.maps, {})
+    assert built.active_material != kept and bpy.data.materials[name] == kept
+
+
+def test_an_object_without_a_material_gets_one(asset):
+    built = build_object(asset, {})
+    built.data.materials.clear()
+    replace_maps(built, asset.maps, {})
+    assert built.active_material is not None

@@ -7,11 +7,13 @@ from pathlib import Path
 import pytest
 
 from arm_blender.errors import ArmError, OutputError
+from arm_blender.quality_levels import FILE
 from training.__main__ import main
 from training.datasets.manifest import read_manifest
 from training.evaluation import presets
 from training.evaluation.credits import sources
 from training.evaluation.objects import evaluation_objects
+from training.evaluation.quality_levels import levels
 from training.evaluation.results import fill_block, markdown_table
 
 
@@ -113,3 +115,17 @@ def test_what_is_no_manifest_is_named(tmp_path, text):
         read_manifest(tmp_path)
     with pytest.raises(ArmError, match="ARM_DATA"):
         read_manifest(None)
+
+
+def test_the_panels_levels_are_those_of_the_sweep():
+    """Fails where docs/error-and-time.csv is newer: run `python -m training quality-levels`."""
+    assert json.loads(FILE.read_text()) == levels(Path(__file__).parents[2] / "docs" / "error-and-time.csv")
+
+
+@pytest.mark.parametrize("text", ["", "label,chamfer\ndraft,0.1\n", None])
+def test_a_sweep_without_the_levels_is_one_line(tmp_path, capsys, text):
+    sweep = tmp_path / "sweep.csv"
+    if text is not None:
+        sweep.write_text(text)
+    assert main(["quality-levels", "--sweep", str(sweep), "--output", str(tmp_path / "levels.json")]) == 1
+    assert "sweep.csv" in capsys.readouterr().err and not (tmp_path / "levels.json").exists()

@@ -263,6 +263,11 @@ def test_a_failing_worker_ends_on_shelves(monkeypatch, tmp_path, script):
     assert unwrap(bumpy_ball(), UnwrapConfig(SIZE))[1] == "shelves"
 
 
+def test_without_a_folder_for_temporary_files_charts_end_on_shelves(monkeypatch, tmp_path):
+    monkeypatch.setattr(unwrap_module.tempfile, "tempdir", str(tmp_path / "gone"))
+    assert unwrap(bumpy_ball(), UnwrapConfig(SIZE))[1] == "shelves"
+
+
 def test_a_python_that_cannot_be_started_ends_on_shelves(monkeypatch, tmp_path):
     monkeypatch.setattr(unwrap_module.sys, "executable", str(tmp_path / "no-python"))
     assert unwrap(bumpy_ball(), UnwrapConfig(SIZE))[1] == "shelves"

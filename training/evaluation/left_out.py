@@ -2,20 +2,18 @@
 where it does not sample the density."""
 
 import argparse
-import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import torch
-import trimesh
 
 from arm_blender import pipeline
 from arm_blender.config import PRESETS, Settings
 from arm_blender.graphics.isosurface import extract
 from arm_blender.graphics.sample_grid import IsosurfaceConfig
 from arm_blender.report import Report
-from arm_blender.structures import ViewSet
+from arm_blender.structures import TriangleMesh, ViewSet
 from arm_blender.views.scene_frame import normalise
 
 from .objects import EvaluationObject, evaluation_objects
@@ -37,10 +35,7 @@ def run(args: argparse.Namespace) -> int:
     views, settings = item.views(), Settings(preset=args.preset, device=args.device)
     pipeline.generate(views, settings)  # Loads the weights, so that no variant is charged for it.
     rows = [row(title, variant, settings) for title, variant in variants(views)]
-    with tempfile.TemporaryDirectory() as folder:
-        mesh, truth = Path(folder) / "own.obj", item.truth()
-        trimesh.Trimesh(truth.vertices.numpy(), truth.faces.numpy(), process=False).export(mesh)
-        rows.append(row("six views, and a mesh of the user's own", views, replace(settings, mesh=mesh)))
+    rows.append(row("six views, and a mesh of the user's own", views, settings, item.truth()))
     text = paragraphs(
         "# What is left out",
         "The report of every run says which work was skipped and why. These are variants of one object's six views "
@@ -58,9 +53,9 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def row(title: str, views: ViewSet, settings: Settings) -> list[object]:
+def row(title: str, views: ViewSet, settings: Settings, mesh: TriangleMesh | None = None) -> list[object]:
     """One line of the table: what a run's report says."""
-    asset, report = pipeline.generate(views, settings)
+    asset, report = pipeline.generate(views, settings, mesh=mesh)
     reasons = "<br>".join(f"{left.what}: {left.why}" for left in report.left_out) or "nothing"
     return [title, reasons, f"{sum(report.seconds.values()):.1f}", asset.maps.albedo.shape[-1]]
 

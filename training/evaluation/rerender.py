@@ -3,11 +3,10 @@
 import math
 
 import torch
-from torch import Tensor
-from torch.nn import functional as F
 
 from arm_blender.graphics.color import srgb_from_linear
 from arm_blender.graphics.rasterize import interpolate, rasterize
+from arm_blender.graphics.textures import sample_texture
 from arm_blender.structures import RelightableAsset, ViewSet
 
 OPAQUE = 0.99
@@ -29,17 +28,10 @@ def rerender_psnr(asset: RelightableAsset, views: ViewSet) -> float:
         fragments = rasterize(asset.mesh.vertices, asset.mesh.faces, camera)
         compared = fragments.mask & (image[3] >= OPAQUE)
         uv = interpolate(asset.mesh.uvs, asset.mesh.face_uvs, fragments)[:, compared].T
-        found = _texture_at(asset.maps.baked, uv)
+        found = sample_texture(asset.maps.baked, uv)
         error = srgb_from_linear(found) - srgb_from_linear(image[:3, compared].T)
         squared += float(error.double().square().sum())
         count += error.numel()
     if not count:
         return math.nan
     return math.inf if squared == 0.0 else -10.0 * math.log10(squared / count)
-
-
-def _texture_at(texture: Tensor, uv: Tensor) -> Tensor:
-    """(P, 3) bilinear colours of (3, T, T) at (P, 2); row 0 of the texture is v = 1."""
-    grid = torch.stack([2.0 * uv[:, 0] - 1.0, 1.0 - 2.0 * uv[:, 1]], dim=1)
-    found = F.grid_sample(texture[None], grid[None, :, None], padding_mode="border", align_corners=False)
-    return found[0, :, :, 0].T

@@ -1,7 +1,8 @@
 """`python -m training sweep`: error against run time, each knob in turn, and the Pareto front of all that was run.
 
 Each point runs the whole pipeline on the same objects; around the quality level `balanced` one knob is turned at a
-time, and the quality levels themselves are points as well.
+time, and the quality levels themselves are points as well. `python -m training quality-levels` hands those on to
+Blender's panel.
 """
 
 import argparse

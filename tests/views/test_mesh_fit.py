@@ -1,0 +1,55 @@
+"""A mesh of unknown size and place comes to where the pictures show it."""
+
+import pytest
+import torch
+import trimesh
+
+from arm_blender.errors import EmptyMeshError
+from arm_blender.graphics.cameras import project
+from arm_blender.graphics.rasterize import rasterize
+from arm_blender.structures import TriangleMesh, ViewSet
+from arm_blender.views.mesh_fit import fit_to_views
+from arm_blender.views.rigs import front_camera, zero123plus_rig
+
+SIZE = 128
+
+
+def slab() -> TriangleMesh:
+    """A long box that is seen from its short side in front."""
+    box = trimesh.creation.box((0.7, 1.8, 1.0))
+    return TriangleMesh(torch.tensor(box.vertices).float(), torch.tensor(box.faces).long())
+
+
+def views_of(mesh: TriangleMesh, cameras) -> ViewSet:
+    masks = torch.stack([rasterize(mesh.vertices, mesh.faces, camera).mask for camera in cameras]).float()
+    return ViewSet(masks[:, None].expand(-1, 4, -1, -1).contiguous(), tuple(cameras), torch.ones(len(cameras)), "slab")
+
+
+def test_a_mesh_elsewhere_of_another_size_comes_to_its_place_under_the_rig():
+    mesh = slab()
+    views = views_of(mesh, zero123plus_rig(4.0, 30.0, SIZE))
+    moved = mesh.moved(lambda points: points * 25.0 + torch.tensor([3.0, -40.0, 7.0]))
+    fitted = moved.moved(fit_to_views(moved, views).restore)
+    assert torch.allclose(fitted.vertices, mesh.vertices, atol=0.03)
+
+
+def test_one_picture_is_filled_to_a_pixel():
+    mesh, camera = slab(), front_camera(100.0, SIZE)
+    views = views_of(mesh.moved(lambda points: points * 0.8 + torch.tensor([0.2, 0.0, -0.1])), [camera])
+    moved = mesh.moved(lambda points: points * 3.0 - 5.0)
+    pixels, _ = project(moved.moved(fit_to_views(moved, views).restore).vertices, camera)
+    shown = torch.nonzero(views.images[0, 3]).flip(1)
+    assert (pixels.amin(0) - shown.amin(0)).abs().max() <= 1.0
+    assert (pixels.amax(0) - shown.amax(0) - 1).abs().max() <= 1.0
+
+
+def test_what_is_in_place_stays():
+    mesh = slab()
+    frame = fit_to_views(mesh, views_of(mesh, zero123plus_rig(4.0, 30.0, 512)))
+    assert frame.scale == pytest.approx(1.0, abs=0.01) and float(frame.center.abs().max()) < 0.01
+
+
+def test_a_mesh_in_one_point_is_refused():
+    mesh = slab().moved(torch.zeros_like)
+    with pytest.raises(EmptyMeshError, match="one point"):
+        fit_to_views(mesh, views_of(slab(), zero123plus_rig(4.0, 30.0, SIZE)))
