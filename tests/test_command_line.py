@@ -1,6 +1,5 @@
 """The command line's contract: status, one line per error, whole results. The networks are played by a stand-in."""
 
-import argparse
 import importlib
 import io
 import json
@@ -10,8 +9,6 @@ import signal
 import subprocess
 import sys
 import threading
-from concurrent.futures import Future
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from pathlib import Path
 
@@ -21,7 +18,7 @@ import torch
 import trimesh
 
 from arm_blender.__main__ import INTERRUPTED, main
-from arm_blender.commands import batch, interrupts
+from arm_blender.commands import interrupts
 from arm_blender.commands.progress_line import ProgressLine
 from arm_blender.export import is_whole
 from arm_blender.structures import MaterialMaps, RelightableAsset, UvMesh
@@ -352,6 +349,14 @@ def test_an_interruption_that_an_import_swallows_still_ends_the_run(
     assert not (tmp_path / "out").exists()
 
 
+def test_a_process_that_listens_for_a_while_has_its_own_signals_back(listening):
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt), interrupts.listening():
+        signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is before
+    interrupts.check()
+
+
 def test_an_idle_worker_remembers_an_interruption(listening):
     interrupts.watch([signal.SIGINT], idle=True)
     signal.raise_signal(signal.SIGINT)
@@ -447,16 +452,6 @@ def test_what_is_wrong_for_all_items_is_said_once_before_any(pipeline, tmp_path,
     for words in (["--texture-size", "300"], ["--fovy", "200"]):
         assert run("batch", tmp_path / "list.txt", "--output", tmp_path / "out", *words) == 2
         assert words[0] in only_line(capsys.readouterr().err) and pipeline == []
-
-
-def test_a_killed_worker_fails_its_items_and_no_others(tmp_path, capsys):
-    args = argparse.Namespace(output=tmp_path)
-    killed, whole = Future(), Future()
-    killed.set_exception(BrokenProcessPool())
-    whole.set_result({"status": "done"})
-    line = batch._result(killed, batch.Item(tmp_path / "a.png", "a"), args)
-    assert line["status"] == "failed" and "a.png" in only_line(capsys.readouterr().err)
-    assert batch._result(whole, batch.Item(tmp_path / "b.png", "b"), args) == {"status": "done"}
 
 
 def test_items_of_one_name_do_not_overwrite_each_other(pipeline, tmp_path, capsys):

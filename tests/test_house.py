@@ -19,6 +19,7 @@ LAYERS = [  # A module imports from its own layer and from earlier ones.
         "files",
         "config_json",
         "progress",
+        "quiet",
         "threads",
         "structures",
         "graphics",

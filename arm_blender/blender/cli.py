@@ -10,8 +10,10 @@ _handle: object | None = None
 def run(argv: list[str]) -> int:
     """Answer the command; the result is the exit status of Blender."""
     from ..__main__ import main
+    from ..commands import interrupts
 
-    return main(argv)
+    with interrupts.listening():  # Blender's own way of stopping would leave files half-written.
+        return main(argv)
 
 
 def register() -> None:

@@ -67,7 +67,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     views.add_argument("--blend", default="robust", help="of views on a texel: robust, weighted or sharpest")
     result = parser.add_argument_group("result")
     result.add_argument("--mesh", type=Path, metavar="FILE", help="your mesh: only its texture is made")
-    result.add_argument("--place", choices=("cameras", "ground"), default="cameras", help="where the object stands")
+    result.add_argument(
+        "--place",
+        type=placement,
+        default="cameras",
+        metavar="WHERE",
+        help="cameras: where they see it (default); ground",
+    )
     result.add_argument("--preview", action="store_true", help="also render preview.png, by Cycles")
     result.add_argument("--progress", choices=("auto", "always", "never"), default="auto", help="auto: on a terminal")
 
@@ -81,6 +87,13 @@ def view_weights(text: str) -> tuple[float, ...]:
     if not weights or not all(math.isfinite(weight) and weight >= 0.0 for weight in weights):
         raise argparse.ArgumentTypeError(f"{text!r}: give numbers of 0 or more, separated by commas")
     return weights
+
+
+def placement(text: str) -> str:
+    """The value of --place."""
+    if text not in ("cameras", "ground"):
+        raise argparse.ArgumentTypeError(f"{text!r}: give cameras or ground")
+    return text
 
 
 def view_indices(text: str) -> tuple[int, ...]:
