@@ -88,6 +88,8 @@ class Settings:
     """How views that see the same texel share it (`BLENDS`)."""
     mesh: Path | None = None
     """A mesh of the user's: it keeps its shape, and its UVs if it has them."""
+    normal_map: bool = False
+    """Keep the detail that decimation takes as a normal map."""
 
     def __post_init__(self) -> None:
         for name, value, known in (

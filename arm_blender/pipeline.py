@@ -3,10 +3,11 @@
 import functools
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from . import checkpoints
 from .config import Settings
@@ -25,6 +26,7 @@ from .uv import maps
 from .uv.backproject import BLENDS, backproject, blend, texture_size_for
 from .uv.decimate import clean, decimate
 from .uv.mesh_file import read_mesh
+from .uv.normal_map import bake_normal_map
 from .uv.texels import texel_map
 from .uv.unwrap import UnwrapConfig, unwrap
 from .views.scene_frame import normalise
@@ -38,6 +40,9 @@ NETWORKS: dict[str, tuple[type[nn.Module], type]] = {
 
 GLOSSY_TEXELS = 512
 """Texels a side of the roughness and metallic maps at most: the field behind them is no finer."""
+
+DETAIL_TEXELS = 1024
+"""Texels a side of the normal map at most: a triangle of the dense mesh covers several of them."""
 
 CONSTANT_TOLERANCE = 0.02
 """A roughness or metallic map that stays this close to one value becomes the value; the eye sees no difference."""
@@ -72,23 +77,32 @@ def generate(
         views, frame = normalise(chosen.to(settings.device))
         with report.stage("shape"):
             if settings.mesh is None:
-                mesh = shape(views, settings, part(progress, 0.0, 0.4))
+                dense = shape(views, settings, part(progress, 0.0, 0.35))
+                progress(0.35, "reducing the mesh")
+                mesh = decimate(dense, settings.resolved.faces)
             else:
                 report.leave_out("reconstruction of the shape", f"{settings.mesh.name} is the shape")
-                mesh = read_mesh(settings.mesh).moved(frame.boxed)
+                mesh = dense = read_mesh(settings.mesh).moved(frame.boxed)
+        reduced = mesh is not dense
         with report.stage("unwrap"):
             mesh = atlas(mesh, settings, report, part(progress, 0.4, 0.6))
         with report.stage("appearance"):
             material = appearance(mesh, views, settings, report, part(progress, 0.6, 0.95))
             if settings.mesh is not None and report.seen_share == 0.0:
                 raise EmptyMeshError(f"{settings.mesh}: no view sees it; bring it to where the object is in the views")
+        if settings.normal_map and reduced:
+            with report.stage("normal map"):
+                progress(0.95, "baking the normal map")
+                material = replace(material, normal=detail(mesh, dense, material, report))
+        elif settings.normal_map:
+            report.leave_out("normal map", "no face was taken from the mesh")
     mesh = mesh.moved(frame.restore)
     report.faces, report.charts, report.texture_size = len(mesh.faces), mesh.charts, material.albedo.shape[-1]
     return RelightableAsset(views.name, mesh, material).to("cpu"), report
 
 
 def shape(views: ViewSet, settings: Settings, progress: Progress = silent) -> TriangleMesh:
-    """GeoRM, its iso-surface, cleaned and reduced to the face budget (ARM, section 4.1)."""
+    """GeoRM and its iso-surface, cleaned (ARM, section 4.1)."""
     progress(0.0, "GeoRM: reading the views")
     network = _network("georm", settings)
     encoded = network.encode(network_views(views, network.config))
@@ -97,11 +111,20 @@ def shape(views: ViewSet, settings: Settings, progress: Progress = silent) -> Tr
     )
     try:
         field = network.filled_logit(encoded, config.chunk)
-        surface = extract(field, config, part(progress, 0.2, 0.8), settings.device)
+        surface = extract(field, config, part(progress, 0.2, 0.95), settings.device)
     except EmptyMeshError as error:
         raise EmptyMeshError(f"{views.name}: {error}") from error
-    progress(0.8, "cleaning the mesh")
-    return decimate(clean(surface), settings.resolved.faces)
+    progress(0.95, "cleaning the mesh")
+    return clean(surface)
+
+
+def detail(mesh: UvMesh, dense: TriangleMesh, material: MaterialMaps, report: Report) -> Tensor:
+    """(3, T, T) the normals of the dense mesh on the reduced one; see `bake_normal_map`."""
+    size = min(material.albedo.shape[-1], DETAIL_TEXELS)
+    normal, share = bake_normal_map(mesh, dense, size)
+    if share < 1.0:
+        report.leave_out("a part of the normal map", f"{1.0 - share:.2%} of the texels lie off the dense surface")
+    return normal
 
 
 def atlas(mesh: TriangleMesh | UvMesh, settings: Settings, report: Report, progress: Progress) -> UvMesh:

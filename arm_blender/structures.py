@@ -157,12 +157,14 @@ class MaterialMaps:
         baked: (3, T, T) linear Rec.709 in [0, 1]: colour with the lighting of the views in it.
         roughness: (1, T, T) in [0, 1], perceptual (alpha = roughness**2).
         metallic: (1, T, T) in [0, 1].
+        normal: (3, T, T) unit vectors in tangent space (`uv.normal_map`); None where the mesh's own will do.
     """
 
     albedo: Tensor
     baked: Tensor
     roughness: Tensor
     metallic: Tensor
+    normal: Tensor | None = None
 
 
 @dataclass(frozen=True)
@@ -183,7 +185,7 @@ class RelightableAsset:
         """The same on another device."""
         mesh, maps = self.mesh, self.maps
         tensors = (t.to(device) for t in (mesh.vertices, mesh.faces, mesh.uvs, mesh.face_uvs))
-        images = (t.to(device) for t in (maps.albedo, maps.baked, maps.roughness, maps.metallic))
+        images = (None if t is None else t.to(device) for t in (getattr(maps, f.name) for f in fields(maps)))
         return RelightableAsset(self.name, UvMesh(*tensors, mesh.charts), MaterialMaps(*images))
 
 

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -99,6 +100,20 @@ def test_the_blend_is_written_where_bpy_is(pipeline, picture, tmp_path):
     assert run("generate", picture, "--output", tmp_path / "out") == 0
     assert (tmp_path / "out" / "cup.blend").stat().st_size > 0
     assert json.loads((tmp_path / "out" / "report.json").read_text())["left_out"] == []
+
+
+def test_what_is_read_is_not_written_over(pipeline, picture, tmp_path, capsys):
+    """Neither the mesh, nor the picture, whatever way its path takes."""
+    out = tmp_path / "out"
+    (out / "textures").mkdir(parents=True)
+    trimesh.creation.box().export(out / "cup.glb")
+    a_picture(out / "textures" / "baked.png")
+    before = {path: path.read_bytes() for path in out.rglob("*.*")}
+    assert run("generate", picture, "--mesh", out / ".." / "out" / "cup.glb", "--output", out) == 2
+    assert "cup.glb: is read" in only_line(capsys.readouterr().err)
+    assert run("generate", out / "textures" / "baked.png", "--output", out) == 2
+    assert {path: path.read_bytes() for path in out.rglob("*.*")} == before and pipeline == []
+    assert run("generate", picture, "--mesh", out / "cup.glb", "--output", tmp_path / "other") == 0
 
 
 def test_json_is_all_there_is_on_stdout(pipeline, picture, tmp_path, capsys):
@@ -292,6 +307,8 @@ def test_missing_weights_are_one_line(picture, tmp_path, capsys, monkeypatch):
         ["generate", "VIEWS", "--output", "OUT", "--device", "cuda:0"],
         ["generate", "VIEWS", "--output", "OUT", "--view-weights", "1,-1"],
         ["generate", "VIEWS", "--output", "OUT", "--fovy", "190"],
+        ["generate", "VIEWS", "--output", "OUT", "--export", "glb,fbx"],
+        ["generate", "VIEWS", "--output", "OUT", "--export", ","],
         ["generate", "VIEWS", "--output", "OUT", "--multiview", "magic"],
         ["generate", "VIEWS", "--output", "OUT", "--multiview", "zero123plus"],
         ["generate", "VIEWS", "--output", "OUT", *MULTIVIEW, "--multiview-steps", "0"],
@@ -470,19 +487,19 @@ def test_cancelling_mid_batch_leaves_only_whole_files(pipeline, tmp_path, capsys
     for name in "abc":
         a_picture(tmp_path / f"{name}.png")
     (tmp_path / "list.txt").write_text("a.png\nb.png\nc.png\n")
-    write_glb = export.write_glb
+    glb = export.FORMATS["glb"]
 
     def interrupted(asset, path):
-        write_glb(asset, path)
+        glb.write(asset, path)
         if asset.name == "b":
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(export, "write_glb", interrupted)
+    monkeypatch.setitem(export.FORMATS, "glb", replace(glb, write=interrupted))
     batch = ["batch", tmp_path / "list.txt", "--output", tmp_path / "out"]
     assert run(*batch) == INTERRUPTED
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["a"] and is_whole(tmp_path / "out" / "a")
     only_line(capsys.readouterr().err)
-    monkeypatch.setattr(export, "write_glb", write_glb)
+    monkeypatch.setitem(export.FORMATS, "glb", glb)
     assert run(*batch, "--resume") == 0
     lines = lines_of(capsys.readouterr().out)
     assert [lines[name]["status"] for name in "abc"] == ["skipped", "done", "done"]

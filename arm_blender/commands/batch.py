@@ -48,6 +48,7 @@ those of the command line: {", ".join(_COLUMNS)}. An empty field leaves the comm
 to the list. stdout gets one line of JSON an item, as it ends: views, output, status (done, skipped or failed), seconds
 of each stage, total_seconds, seed, versions, and the error where there is one."""
 
+
 @dataclass(frozen=True)
 class Item:
     """One object of a batch.
@@ -84,6 +85,7 @@ def run(args: argparse.Namespace) -> int:
     # What is said once for all is refused once, before any work.
     generate.settings_of(args)
     generate.view_options_of(args)
+    generate.formats_of(args)
     for item in items:
         clear_unfinished(args.output / item.name)  # Of a run that was killed.
     failed = 0
