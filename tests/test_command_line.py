@@ -320,6 +320,8 @@ def test_missing_weights_are_one_line(picture, tmp_path, capsys, monkeypatch):
         ["batch", "VIEWS", "--output", "OUT", "--jobs", "0"],
         ["relight", "VIEWS", "--output", "OUT", "--hdri", "city", "--turntable", "0"],
         ["relight", "VIEWS", "--output", "OUT", "--hdri", "city", "--resolution", "100000"],
+        ["relight", "VIEWS", "--output", "OUT", "--hdri", "city", "--rotation", "nan"],
+        ["relight", "VIEWS", "--output", "OUT", "--hdri", "city", "--video"],
     ],
     ids=" ".join,
 )

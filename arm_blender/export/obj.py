@@ -1,8 +1,8 @@
 """An asset as a Wavefront OBJ with its MTL; the maps lie beside them.
 
 Roughness and metallic stand in the keys of the PBR extension (`Pr`, `Pm`, `map_Pr`, `map_Pm`), a normal map in its
-`norm`, and in `map_Bump`, where Blender writes it and looks for it. The format knows no colour spaces: Blender takes all
-maps for sRGB; set those of roughness and metallic to Non-Color by hand. Y is up, as Blender writes and reads it.
+`norm`, and in `map_Bump`, where Blender writes it and looks for it. The format knows no colour spaces: Blender takes
+all maps for sRGB; set those of roughness and metallic to Non-Color by hand. Y is up, as Blender writes and reads it.
 """
 
 from pathlib import Path
