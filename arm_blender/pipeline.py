@@ -41,8 +41,9 @@ NETWORKS: dict[str, tuple[type[nn.Module], type]] = {
 GLOSSY_TEXELS = 512
 """Texels a side of the roughness and metallic maps at most: the field behind them is no finer."""
 
-DETAIL_TEXELS = 1024
-"""Texels a side of the normal map at most: a triangle of the dense mesh covers several of them."""
+DETAIL_TEXELS = 512
+"""Texels a side of the normal map at most: twice as many take four times as long, and gain little
+(docs/normal-map.md)."""
 
 CONSTANT_TOLERANCE = 0.02
 """A roughness or metallic map that stays this close to one value becomes the value; the eye sees no difference."""

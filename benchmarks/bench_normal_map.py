@@ -30,7 +30,7 @@ from arm_blender.views.scene_frame import normalise
 from training.evaluation.results import markdown_table, paragraphs, write_text
 
 SIZES = (512, 1024)
-PIXELS = 640
+PIXELS = 320
 """A side of the views in which normals are compared."""
 
 
@@ -51,7 +51,11 @@ def main() -> None:
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
     views, _ = normalise(load_views(args.views))
-    rows = [row for shape in shapes(views) for row in measured(shape, views.cameras)]
+    rows = []
+    for shape in shapes(views):
+        for row in measured(shape, views.cameras):
+            print(*row, flush=True)
+            rows.append(row)
     header = ["quality", "faces before", "faces", "texels", "error without", "error with", "seconds", "texels found"]
     text = paragraphs(
         "# Normal maps",
@@ -79,24 +83,25 @@ def shapes(views: ViewSet) -> Iterator[Reduced]:
 def measured(shape: Reduced, cameras: tuple[Camera, ...]) -> Iterator[list[object]]:
     """A row of the table for each size of map."""
     truth = angle_weighted_normals(shape.dense.vertices, shape.dense.faces)
+    seen = []
+    for camera in (camera.resized(PIXELS, PIXELS) for camera in cameras):
+        before = rasterize(shape.dense.vertices, shape.dense.faces, camera)
+        exact = functional.normalize(interpolate(truth, shape.dense.faces, before), dim=0)
+        seen.append((before.mask, exact, rasterize(shape.mesh.vertices, shape.mesh.faces, camera)))
     for size in SIZES:
         start = time.perf_counter()
         baked, share = bake_normal_map(shape.mesh, shape.dense, size)
         seconds = time.perf_counter() - start
-        errors = torch.stack([_errors(shape, truth, baked, camera) for camera in cameras]).mean(dim=0).tolist()
+        errors = torch.stack([_errors(shape.mesh, baked, *view) for view in seen]).mean(dim=0).tolist()
         faces = [len(shape.dense.faces), len(shape.mesh.faces)]
         yield [shape.level, *faces, size, *(f"{error:.2f}°" for error in errors), f"{seconds:.1f}", f"{share:.2%}"]
 
 
-def _errors(shape: Reduced, truth: Tensor, baked: Tensor, camera: Camera) -> Tensor:
+def _errors(mesh: UvMesh, baked: Tensor, shown: Tensor, exact: Tensor, after: Fragments) -> Tensor:
     """(2,) mean angles in degrees over the pixels that show both meshes: without the map, with it."""
-    camera = camera.resized(PIXELS, PIXELS)
-    before = rasterize(shape.dense.vertices, shape.dense.faces, camera)
-    after = rasterize(shape.mesh.vertices, shape.mesh.faces, camera)
-    both = before.mask & after.mask
-    exact = functional.normalize(interpolate(truth, shape.dense.faces, before)[:, both], dim=0)
-    found = [image[:, both] for image in _normals(shape.mesh, baked, after)]
-    return torch.stack([(exact * normal).sum(dim=0).clamp(-1.0, 1.0).acos().rad2deg().mean() for normal in found])
+    both = shown & after.mask
+    angles = [(exact * normal).sum(dim=0)[both].clamp(-1.0, 1.0).acos() for normal in _normals(mesh, baked, after)]
+    return torch.stack(angles).rad2deg().mean(dim=1)
 
 
 def _normals(mesh: UvMesh, baked: Tensor, fragments: Fragments) -> tuple[Tensor, Tensor]:

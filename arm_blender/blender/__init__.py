@@ -1,7 +1,7 @@
 """Everything that touches Blender's data or window.
 
 `scene`, `material_nodes`, `export`, `studio` and `relight` turn assets into objects, files and pictures, whether or not
-the extension is registered. The other modules are the extension: properties, panel, operators, preferences, command.
+the extension is registered. The other modules are the extension: properties, panels, operators, preferences, command.
 Blender may be called from its main thread only; `job` and `generation`, which know nothing of bpy, run elsewhere.
 """
 
@@ -28,6 +28,17 @@ def unregister() -> None:
 
 
 def _modules() -> tuple:
-    from . import cli, operators, panels, preferences, properties
+    from . import (
+        cli,
+        export_operator,
+        operators,
+        panels,
+        preferences,
+        properties,
+        relight_operators,
+        relight_panel,
+        relight_properties,
+    )
 
-    return (properties, preferences, operators, panels, cli)
+    relighting = (relight_properties, relight_operators, export_operator, relight_panel)
+    return (properties, preferences, operators, panels, *relighting, cli)

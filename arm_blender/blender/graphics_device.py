@@ -7,8 +7,8 @@ import bpy
 
 from ..errors import ArmError
 
-_OPENGL_BIT, _RENDERABLE_TYPE, _NONE = 0x0008, 0x3040, 0x3038
-"""Of EGL 1.4: desktop OpenGL, the attribute that asks for it, the end of a list."""
+_SURFACELESS = 0x31DD
+"""EGL_PLATFORM_SURFACELESS_MESA: drawing without any window system."""
 
 
 def check_eevee() -> None:
@@ -25,19 +25,15 @@ def check_eevee() -> None:
 
 
 def _egl_answers() -> bool:
-    """Whether EGL has a display that draws desktop OpenGL: what Blender will ask it for."""
+    """Whether EGL has a display that can be opened: that of a window system, or one without any."""
     try:
         egl = ctypes.CDLL("libEGL.so.1")
     except OSError:
         return False
-    egl.eglGetDisplay.restype = ctypes.c_void_p
+    egl.eglGetDisplay.restype = egl.eglGetPlatformDisplay.restype = ctypes.c_void_p
     egl.eglGetDisplay.argtypes = [ctypes.c_void_p]
+    egl.eglGetPlatformDisplay.argtypes = [ctypes.c_uint, ctypes.c_void_p, ctypes.c_void_p]
     egl.eglInitialize.argtypes = [ctypes.c_void_p] * 3
-    egl.eglChooseConfig.argtypes = [ctypes.c_void_p] * 3 + [ctypes.c_int, ctypes.c_void_p]
-    display = egl.eglGetDisplay(None)
-    if not display or not egl.eglInitialize(display, None, None):
-        return False
-    wish = (ctypes.c_int * 3)(_RENDERABLE_TYPE, _OPENGL_BIT, _NONE)
-    count = ctypes.c_int(0)
-    # Not terminated afterwards: the display is one for the whole process, and Blender may be using it.
-    return bool(egl.eglChooseConfig(display, wish, None, 0, ctypes.byref(count))) and count.value > 0
+    # Not closed afterwards: a display is one for the whole process, and Blender may be using it.
+    displays = (egl.eglGetDisplay(None), egl.eglGetPlatformDisplay(_SURFACELESS, None, None))
+    return any(display and egl.eglInitialize(display, None, None) for display in displays)

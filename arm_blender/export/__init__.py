@@ -88,12 +88,7 @@ def write_asset(
     check_output(directory)
     with staging(directory) as stage:
         with report.stage("files"):
-            progress(0.0, "writing textures")
-            write_textures(asset.maps, stage / FOLDER)
-            for name in formats:
-                path = stage / f"{asset.name}{FORMATS[name].suffix}"
-                progress(0.5, f"writing {path.name}")
-                FORMATS[name].write(asset, path)
+            _write_formats(asset, stage, formats, progress)
         if further is not None:
             further(stage)
         progress(1.0, "writing report.json")
@@ -101,9 +96,30 @@ def write_asset(
         return _move_into(directory, stage)
 
 
+def write_files(asset: RelightableAsset, directory: Path, formats: Sequence[str]) -> list[Path]:
+    """Writes an asset in `formats` with its textures, and no report: all of the files or none.
+
+    Raises:
+        OutputError: something cannot be written.
+    """
+    check_output(directory)
+    with staging(directory) as stage:
+        _write_formats(asset, stage, formats, silent)
+        return _move_into(directory, stage)
+
+
 def is_whole(directory: Path) -> bool:
     """Whether `directory` holds an asset that was written to its end."""
     return (directory / FILE_NAME).is_file()
+
+
+def _write_formats(asset: RelightableAsset, stage: Path, formats: Sequence[str], progress: Progress) -> None:
+    progress(0.0, "writing textures")
+    write_textures(asset.maps, stage / FOLDER)
+    for name in formats:
+        path = stage / f"{asset.name}{FORMATS[name].suffix}"
+        progress(0.5, f"writing {path.name}")
+        FORMATS[name].write(asset, path)
 
 
 def _move_into(directory: Path, stage: Path) -> list[Path]:
