@@ -94,6 +94,8 @@ def light_by_environment(scene: bpy.types.Scene, path: Path, rotation_deg: float
     if hasattr(world, "cycles"):
         world.cycles.sampling_method = "MANUAL"
         world.cycles.sample_map_resolution = IMPORTANCE_MAP_SIZE
+    if hasattr(world, "sun_threshold"):
+        world.sun_threshold = 0.0  # Else Eevee makes one sun of everything bright, however many lamps the map has.
     turn_environment(world, rotation_deg)
     scene.world = world
     return world

@@ -8,6 +8,9 @@ from .ragged import enumerate_items
 CHUNK = 1 << 18
 """Pairs of a ray and a triangle tested at once: about 40 MB of work space."""
 
+FEW = 32 * CHUNK
+"""Pairs that are all tested: entering a large mesh in cells for a handful of rays would take longer."""
+
 MISS = -1
 
 
@@ -55,9 +58,13 @@ def _enter(
 
     The triangles are entered in every cell that they come within `reach` of; a ray reads the cell of its origin.
     """
+    if len(origins) * len(faces) <= FEW:
+        every = torch.arange(len(faces), device=faces.device)
+        zero = torch.zeros(len(origins), dtype=torch.int64, device=faces.device)
+        return zero, zero + len(faces), every
     corners = vertices[faces]
     low, high = corners.amin(dim=1), corners.amax(dim=1)
-    cell = float((high - low).amax(dim=1).median().clamp(min=reach / 4.0))
+    cell = float((high - low).amax(dim=1).median().clamp(min=reach))
     start = origins.amin(dim=0)
     shape = ((origins.amax(dim=0) - start) / cell).long() + 1
     begin = ((low - reach - start) / cell).floor().long().clamp(min=0)

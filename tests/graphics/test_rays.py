@@ -25,9 +25,11 @@ def naive(origins, directions, vertices, faces, reach):
     return torch.where(best.values <= reach, best.indices, MISS), away.gather(1, best.indices[:, None])[:, 0]
 
 
+@pytest.mark.parametrize("few", [0, 10**9], ids=["grid", "all pairs"])
 @pytest.mark.parametrize("size, reach", [(0.3, 0.1), (0.1, 0.6), (0.8, 0.3)])
-def test_hits_equal_those_of_all_pairs(size, reach, monkeypatch):
+def test_hits_equal_those_of_all_pairs(size, reach, few, monkeypatch):
     monkeypatch.setattr(rays, "CHUNK", 1000)
+    monkeypatch.setattr(rays, "FEW", few)
     generator = torch.Generator().manual_seed(1)
     centers = torch.rand(400, 1, 3, generator=generator)
     vertices = (centers + size * (torch.rand(400, 3, 3, generator=generator) - 0.5)).reshape(-1, 3)
