@@ -63,7 +63,7 @@ def main() -> None:
         f"{PIXELS}² pixels: mean angle between the normals before decimation and those after it, "
         "without the map and with it, as Blender decodes it. *Seconds*: of the bake.",
         markdown_table(header, rows),
-        f"On {args.threads} CPU threads. Made by `python -m benchmarks.bench_normal_map`.",
+        f"CPU threads: {args.threads}. Made by `python -m benchmarks.bench_normal_map`.",
     )
     write_text(args.output, text)
     print(text)

@@ -52,6 +52,9 @@ def use_eevee(scene: bpy.types.Scene, samples: int) -> None:
     """Render `scene` by Eevee with `samples` a pixel; it needs a graphics device, real or software."""
     scene.render.engine = EEVEE
     scene.eevee.taa_render_samples = samples
+    for limit in ("clamp_surface_direct", "clamp_surface_indirect"):
+        if hasattr(scene.eevee, limit):  # Since 4.3; by default the reflection of a bright lamp is cut off.
+            setattr(scene.eevee, limit, 0.0)
 
 
 def use_neutral_view(scene: bpy.types.Scene) -> None:
