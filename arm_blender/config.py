@@ -93,6 +93,8 @@ class Settings:
     """Of the networks: float32, bfloat16, or what suits the network's size and the device."""
     random_weights: int | None = None
     """For tests: a seed of random weights for all networks, instead of those in files. The result means nothing."""
+    normal_map: bool = False
+    """Keep the detail that decimation takes as a normal map."""
 
     def __post_init__(self) -> None:
         for name, value, known in (

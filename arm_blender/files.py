@@ -2,14 +2,31 @@
 
 import json
 import os
+import re
 import shutil
+import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from .errors import OutputError
+
+try:
+    import fcntl
+except ImportError:  # Windows has no locks that end with their process.
+    fcntl = None
+
+UNFINISHED = ".unfinished-"
+"""How the name of a temporary folder begins."""
+
+_PART = re.compile(r"\..+\.(\d+)\.part(\.[^.]*)?")
+"""The name of a temporary file, and in it the process that writes it."""
+
+_DAY = 86_400.0
+"""Seconds after which, without locks, what is unfinished will never be finished."""
 
 
 @contextmanager
@@ -46,13 +63,20 @@ def write_json(path: Path, data: Any) -> None:
 def staging(directory: Path) -> Iterator[Path]:
     """A temporary folder inside `directory`, gone at the end; and so is `directory`, if it was made for nothing.
 
-    Inside, because only there a rename never crosses file systems: `directory` may be a mount point.
+    Inside, because only there a rename never crosses file systems: `directory` may be a mount point. What a killed
+    process has left there is taken away first.
+
+    Raises:
+        OutputError: it cannot be written.
     """
     existed = directory.exists()
-    stage = None
+    stage = lock = None
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        stage = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=directory))
+        with _locked(directory):
+            _clear(directory)
+            stage = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=directory))
+            lock = _lock(stage)
         yield stage
     except OSError as error:
         reason = error.strerror or error
@@ -60,8 +84,99 @@ def staging(directory: Path) -> Iterator[Path]:
     finally:
         if stage is not None:
             shutil.rmtree(stage, ignore_errors=True)
+        if lock is not None:
+            os.close(lock)
         if not existed and directory.is_dir() and not any(directory.iterdir()):
             directory.rmdir()
+
+
+def clear_unfinished(directory: Path) -> None:
+    """Takes away what killed processes have left half-done in `directory`; what others are writing now stays.
+
+    The folder itself goes as well where nothing else is in it.
+    """
+    if not directory.is_dir():
+        return
+    with suppress(OSError):  # Not ours to write: whoever writes there will say so.
+        with _locked(directory):
+            cleared = _clear(directory)
+        if cleared and not any(directory.iterdir()):
+            directory.rmdir()
+
+
+def _clear(directory: Path) -> bool:
+    """Whether anything was left over in `directory`, and taken away."""
+    cleared = False
+    for path in list(directory.iterdir()):
+        part = _PART.fullmatch(path.name)
+        if path.name.startswith(UNFINISHED) and path.is_dir() and _is_abandoned(path):
+            shutil.rmtree(path, ignore_errors=True)
+            cleared = True
+        elif part and path.is_file() and not _is_running(int(part[1]), path):
+            path.unlink(missing_ok=True)
+            cleared = True
+    return cleared
+
+
+@contextmanager
+def _locked(directory: Path) -> Iterator[None]:
+    """Nobody else makes or clears temporary folders in `directory` meanwhile, where the system has locks."""
+    lock = _lock(directory, wait=True)
+    try:
+        yield
+    finally:
+        if lock is not None:
+            os.close(lock)
+
+
+def _lock(directory: Path, wait: bool = False) -> int | None:
+    """A descriptor that holds the lock on a folder until it is closed, at the latest by the end of the process.
+
+    None where there are no locks: on Windows, and in some network folders.
+
+    Raises:
+        BlockingIOError: another process has it, and we do not wait.
+    """
+    if fcntl is None:
+        return None
+    descriptor = os.open(directory, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except OSError as error:
+        os.close(descriptor)
+        if isinstance(error, BlockingIOError):
+            raise
+        return None
+    return descriptor
+
+
+def _is_abandoned(stage: Path) -> bool:
+    """Whether no process is at work in a temporary folder any more."""
+    try:
+        lock = _lock(stage)
+    except OSError:  # Held by its process, or gone meanwhile.
+        return False
+    if lock is None:
+        return _is_old(stage)
+    os.close(lock)
+    return True
+
+
+def _is_running(process: int, path: Path) -> bool:
+    """Whether the process that writes a temporary file still runs."""
+    if sys.platform == "win32":  # There, asking by signal ends the process.
+        return not _is_old(path)
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        return True
+    return True
+
+
+def _is_old(path: Path) -> bool:
+    return time.time() - path.stat().st_mtime > _DAY
 
 
 def check_output(directory: Path) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Literal
 
 import torch
@@ -23,12 +24,17 @@ from .threads import cpu_threads
 from .uv import maps
 from .uv.backproject import BLENDS, backproject, blend, texture_size_for
 from .uv.decimate import clean, decimate
+from .uv.normal_map import bake_normal_map
 from .uv.texels import texel_map
 from .uv.unwrap import UnwrapConfig, unwrap
 from .views.scene_frame import normalise
 
 GLOSSY_TEXELS = 512
 """Texels a side of the roughness and metallic maps at most: the field behind them is no finer."""
+
+DETAIL_TEXELS = 512
+"""Texels a side of the normal map at most: twice as many take four times as long, and gain little
+(docs/normal-map.md)."""
 
 CONSTANT_TOLERANCE = 0.02
 """A roughness or metallic map that stays this close to one value becomes the value; the eye sees no difference."""
@@ -70,15 +76,21 @@ def generate(
         with report.stage("shape"), lower_if_short("the shape", "lower --grid or --quality"):
             if given:
                 report.leave_out("reconstruction of the shape", "the shape is given")
-                mesh = mesh.to(settings.device).moved(frame.boxed)
+                mesh = dense = mesh.to(settings.device).moved(frame.boxed)
             else:
-                mesh = shape(views, settings, part(progress, *SHARES["shape"]), report)
+                dense = shape(views, settings, part(progress, *SHARES["shape"]), report)
+                mesh = decimate(dense, settings.resolved.faces)
+            dense = dense if mesh is not dense else None
         with report.stage("unwrap"), lower_if_short("unwrapping", "lower --faces"):
             mesh = atlas(mesh, settings, report, part(progress, *SHARES["unwrap"]))
         with report.stage("appearance"), lower_if_short("the material", "lower --texture-size"):
             material = appearance(mesh, views, settings, report, part(progress, *SHARES["appearance"]))
             if given and report.seen_share == 0.0:
                 raise EmptyMeshError(f"{views.name}: no view sees the given mesh; bring it to where the object is")
+        if settings.normal_map:
+            with report.stage("normal map"), lower_if_short("the normal map", "go without --normal-map"):
+                progress(SHARES["appearance"][1], "baking the normal map")
+                material = detail(mesh, dense, material, report)
     mesh = mesh.moved(frame.restore)
     report.faces, report.charts, report.texture_size = len(mesh.faces), mesh.charts, material.albedo.shape[-1]
     name = views.name
@@ -91,12 +103,12 @@ def generate(
 def shape(
     views: ViewSet, settings: Settings, progress: Progress = silent, report: Report | None = None
 ) -> TriangleMesh:
-    """GeoRM, its iso-surface, cleaned and reduced to the face budget (ARM, section 5.1)."""
+    """GeoRM, its iso-surface, cleaned (ARM, section 5.1)."""
     report = report or Report(settings.preset, settings.device, settings.seed)
-    surface = _surface(views, settings, report, part(progress, 0.0, 0.8))
+    surface = _surface(views, settings, report, part(progress, 0.0, 0.9))
     # By now the network's memory is free.
-    progress(0.8, "cleaning the mesh")
-    return decimate(clean(surface), settings.resolved.faces)
+    progress(0.9, "cleaning the mesh")
+    return clean(surface)
 
 
 def _surface(views: ViewSet, settings: Settings, report: Report, progress: Progress) -> TriangleMesh:
@@ -132,6 +144,18 @@ def _encoded(
             encoded = network.encode(network_views(views, network.config)).float()
     _require_numbers(encoded.is_finite, name, views, settings)
     return network, encoded
+
+
+def detail(mesh: UvMesh, dense: TriangleMesh | None, material: MaterialMaps, report: Report) -> MaterialMaps:
+    """The material with the normals of the mesh as it was before decimation, None where no face was taken from it."""
+    if dense is None:
+        report.leave_out("normal map", "no face was taken from the mesh")
+        return material
+    size = min(material.albedo.shape[-1], DETAIL_TEXELS)
+    normal, share = bake_normal_map(mesh, dense, size)
+    if share < 1.0:
+        report.leave_out("a part of the normal map", f"{1.0 - share:.2%} of the texels lie off the dense surface")
+    return replace(material, normal=normal)
 
 
 def atlas(mesh: TriangleMesh | UvMesh, settings: Settings, report: Report, progress: Progress) -> UvMesh:

@@ -166,12 +166,14 @@ class MaterialMaps:
         baked: (3, T, T) linear Rec.709 in [0, 1]: colour with the lighting of the views in it.
         roughness: (1, T, T) in [0, 1], perceptual (alpha = roughness**2).
         metallic: (1, T, T) in [0, 1].
+        normal: (3, T, T) unit vectors in tangent space (`uv.normal_map`); None where the mesh's own will do.
     """
 
     albedo: Tensor
     baked: Tensor
     roughness: Tensor
     metallic: Tensor
+    normal: Tensor | None = None
 
 
 @dataclass(frozen=True)
@@ -191,7 +193,7 @@ class RelightableAsset:
     def to(self, device: torch.device | str) -> "RelightableAsset":
         """The same on another device."""
         maps = self.maps
-        images = (t.to(device) for t in (maps.albedo, maps.baked, maps.roughness, maps.metallic))
+        images = (None if t is None else t.to(device) for t in (getattr(maps, f.name) for f in fields(maps)))
         return RelightableAsset(self.name, self.mesh.to(device), MaterialMaps(*images))
 
 

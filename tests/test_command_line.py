@@ -1,6 +1,5 @@
 """The command line's contract: status, one line per error, whole results. The networks are played by a stand-in."""
 
-import argparse
 import importlib
 import io
 import json
@@ -10,9 +9,8 @@ import signal
 import subprocess
 import sys
 import threading
-from concurrent.futures import Future
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +19,7 @@ import torch
 import trimesh
 
 from arm_blender.__main__ import INTERRUPTED, main
-from arm_blender.commands import batch, interrupts
+from arm_blender.commands import interrupts
 from arm_blender.commands.progress_line import ProgressLine
 from arm_blender.export import is_whole
 from arm_blender.structures import MaterialMaps, RelightableAsset, UvMesh
@@ -102,6 +100,20 @@ def test_the_blend_is_written_where_bpy_is(pipeline, picture, tmp_path):
     assert run("generate", picture, "--output", tmp_path / "out") == 0
     assert (tmp_path / "out" / "cup.blend").stat().st_size > 0
     assert json.loads((tmp_path / "out" / "report.json").read_text())["left_out"] == []
+
+
+def test_what_is_read_is_not_written_over(pipeline, picture, tmp_path, capsys):
+    """Neither the mesh, nor the picture, whatever way its path takes."""
+    out = tmp_path / "out"
+    (out / "textures").mkdir(parents=True)
+    trimesh.creation.box().export(out / "cup.glb")
+    a_picture(out / "textures" / "baked.png")
+    before = {path: path.read_bytes() for path in out.rglob("*.*")}
+    assert run("generate", picture, "--mesh", out / ".." / "out" / "cup.glb", "--output", out) == 2
+    assert "cup.glb: is read" in only_line(capsys.readouterr().err)
+    assert run("generate", out / "textures" / "baked.png", "--output", out) == 2
+    assert {path: path.read_bytes() for path in out.rglob("*.*")} == before and pipeline == []
+    assert run("generate", picture, "--mesh", out / "cup.glb", "--output", tmp_path / "other") == 0
 
 
 def test_json_is_all_there_is_on_stdout(pipeline, picture, tmp_path, capsys):
@@ -299,6 +311,8 @@ def test_missing_weights_are_one_line(picture, tmp_path, capsys, monkeypatch):
         ["generate", "VIEWS", "--output", "OUT", "--device", "cuda:0"],
         ["generate", "VIEWS", "--output", "OUT", "--view-weights", "1,-1"],
         ["generate", "VIEWS", "--output", "OUT", "--fovy", "190"],
+        ["generate", "VIEWS", "--output", "OUT", "--export", "glb,fbx"],
+        ["generate", "VIEWS", "--output", "OUT", "--export", ","],
         ["generate", "VIEWS", "--output", "OUT", "--multiview", "magic"],
         ["generate", "VIEWS", "--output", "OUT", "--multiview", "zero123plus"],
         ["generate", "VIEWS", "--output", "OUT", *MULTIVIEW, "--multiview-steps", "0"],
@@ -310,6 +324,8 @@ def test_missing_weights_are_one_line(picture, tmp_path, capsys, monkeypatch):
         ["batch", "VIEWS", "--output", "OUT", "--jobs", "0"],
         ["relight", "VIEWS", "--output", "OUT", "--hdri", "city", "--turntable", "0"],
         ["relight", "VIEWS", "--output", "OUT", "--hdri", "city", "--resolution", "100000"],
+        ["relight", "VIEWS", "--output", "OUT", "--hdri", "city", "--rotation", "nan"],
+        ["relight", "VIEWS", "--output", "OUT", "--hdri", "city", "--video"],
     ],
     ids=" ".join,
 )
@@ -354,6 +370,14 @@ def test_an_interruption_that_an_import_swallows_still_ends_the_run(
     assert run("generate", picture, "--output", tmp_path / "out") == INTERRUPTED
     only_line(capsys.readouterr().err)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_process_that_listens_for_a_while_has_its_own_signals_back(listening):
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt), interrupts.listening():
+        signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is before
+    interrupts.check()
 
 
 def test_an_idle_worker_remembers_an_interruption(listening):
@@ -453,16 +477,6 @@ def test_what_is_wrong_for_all_items_is_said_once_before_any(pipeline, tmp_path,
         assert words[0] in only_line(capsys.readouterr().err) and pipeline == []
 
 
-def test_a_killed_worker_fails_its_items_and_no_others(tmp_path, capsys):
-    args = argparse.Namespace(output=tmp_path)
-    killed, whole = Future(), Future()
-    killed.set_exception(BrokenProcessPool())
-    whole.set_result({"status": "done"})
-    line = batch._result(killed, batch.Item(tmp_path / "a.png", "a"), args)
-    assert line["status"] == "failed" and "a.png" in only_line(capsys.readouterr().err)
-    assert batch._result(whole, batch.Item(tmp_path / "b.png", "b"), args) == {"status": "done"}
-
-
 def test_items_of_one_name_do_not_overwrite_each_other(pipeline, tmp_path, capsys):
     for folder in ("x", "y"):
         (tmp_path / folder).mkdir()
@@ -479,19 +493,19 @@ def test_cancelling_mid_batch_leaves_only_whole_files(pipeline, tmp_path, capsys
     for name in "abc":
         a_picture(tmp_path / f"{name}.png")
     (tmp_path / "list.txt").write_text("a.png\nb.png\nc.png\n")
-    write_glb = export.write_glb
+    glb = export.FORMATS["glb"]
 
     def interrupted(asset, path):
-        write_glb(asset, path)
+        glb.write(asset, path)
         if asset.name == "b":
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(export, "write_glb", interrupted)
+    monkeypatch.setitem(export.FORMATS, "glb", replace(glb, write=interrupted))
     batch = ["batch", tmp_path / "list.txt", "--output", tmp_path / "out"]
     assert run(*batch) == INTERRUPTED
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["a"] and is_whole(tmp_path / "out" / "a")
     only_line(capsys.readouterr().err)
-    monkeypatch.setattr(export, "write_glb", write_glb)
+    monkeypatch.setitem(export.FORMATS, "glb", glb)
     assert run(*batch, "--resume") == 0
     lines = lines_of(capsys.readouterr().out)
     assert [lines[name]["status"] for name in "abc"] == ["skipped", "done", "done"]

@@ -10,7 +10,8 @@ import trimesh
 from PIL import Image
 
 from arm_blender.errors import Cancelled, OutputError
-from arm_blender.export import gltf_vertices, is_whole, write_asset, write_glb
+from arm_blender.export import is_whole, write_asset
+from arm_blender.export.gltf import gltf_vertices, write_glb
 from arm_blender.graphics.color import srgb_from_linear
 from arm_blender.report import Report
 from arm_blender.structures import MaterialMaps, RelightableAsset, UvMesh

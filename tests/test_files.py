@@ -1,6 +1,9 @@
 """Files are whole or absent, and an output that cannot be is refused before any work."""
 
 import json
+import os
+import subprocess
+import sys
 
 import pytest
 
@@ -26,3 +29,49 @@ def test_an_output_that_cannot_be_is_refused_before_anything_is_made(tmp_path):
         files.check_output(tmp_path / "file" / "deeper" / "out")
     files.check_output(tmp_path / "a" / "b")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_what_a_killed_process_left_is_cleared_and_what_another_writes_now_stays(tmp_path):
+    """One process has died in the midst of a folder and of a file; another is still at both."""
+    source = f"""
+import os, signal, sys
+from pathlib import Path
+from arm_blender import files
+with files.staging(Path({str(tmp_path)!r})) as stage, files.whole_file(Path({str(tmp_path)!r}, "a.png")) as part:
+    (stage / "b.glb").touch()
+    part.touch()
+    print("written", flush=True)
+    sys.stdin.read()
+"""
+    start = [sys.executable, "-c", source]
+    dead, busy = (subprocess.Popen(start, stdin=subprocess.PIPE, stdout=subprocess.PIPE) for _ in range(2))
+    for process in (dead, busy):
+        process.stdout.readline()
+    (tmp_path / "whole.png").touch()
+    assert len(list(tmp_path.iterdir())) == 5
+    dead.kill()
+    dead.wait()
+    files.clear_unfinished(tmp_path)
+    assert (tmp_path / f".a.{busy.pid}.part.png").exists() and (tmp_path / "whole.png").exists()
+    (left,) = tmp_path.glob(f"{files.UNFINISHED}*")
+    assert (left / "b.glb").exists() and len(list(tmp_path.iterdir())) == 3
+    with files.staging(tmp_path):
+        assert left.exists()
+    busy.stdin.close()
+    busy.wait()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.png", "whole.png"]
+
+
+def test_without_locks_only_what_is_old_is_cleared(tmp_path, monkeypatch):
+    monkeypatch.setattr(files, "fcntl", None)
+    for name in ("old", "new"):
+        (tmp_path / f"{files.UNFINISHED}{name}").mkdir()
+    os.utime(tmp_path / f"{files.UNFINISHED}old", (0, 0))
+    files.clear_unfinished(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == [f"{files.UNFINISHED}new"]
+
+
+def test_a_folder_with_nothing_but_leftovers_goes_with_them(tmp_path):
+    (tmp_path / "out" / f"{files.UNFINISHED}x").mkdir(parents=True)
+    files.clear_unfinished(tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []

@@ -21,6 +21,7 @@ LAYERS = [  # A module imports from its own layer and from earlier ones.
         "fetch",
         "weights_registry",
         "progress",
+        "quiet",
         "threads",
         "memory",
         "precision",

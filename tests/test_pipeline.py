@@ -224,3 +224,13 @@ def test_instantmesh_takes_the_material_from_small():
     assert settings.weights("georm").name == "instantmesh.georm.safetensors"
     for network in ("glossyrm", "instant_albedo"):
         assert settings.weights(network) == Settings(preset="small").weights(network)
+
+
+def test_the_detail_that_decimation_takes_is_kept_where_it_is_asked_for(views):
+    asset, report = pipeline.generate(views, replace(QUICK, faces=200, normal_map=True))
+    normal = asset.maps.normal
+    assert normal.shape[0] == 3 and normal.shape[-1] <= pipeline.DETAIL_TEXELS and "normal map" in report.seconds
+    torch.testing.assert_close(normal.norm(dim=0), torch.ones(normal.shape[1:]), atol=1e-4, rtol=0.0)
+    assert float(normal[2].min()) < 0.999, "a ball of 200 faces has lost something"
+    whole, report = pipeline.generate(views, replace(QUICK, faces=10**6, normal_map=True))
+    assert whole.maps.normal is None and "normal map" in [note.what for note in report.left_out]

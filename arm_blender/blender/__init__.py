@@ -30,6 +30,20 @@ def unregister() -> None:
 
 
 def _modules() -> tuple:
-    from . import cli, input_operators, operators, panels, preferences, properties, view_switch
+    from . import (
+        cli,
+        export_operator,
+        input_operators,
+        operators,
+        panels,
+        preferences,
+        properties,
+        relight_operators,
+        relight_panel,
+        relight_properties,
+        view_switch,
+    )
 
-    return (properties, view_switch, preferences, operators, input_operators, panels, cli)
+    making = (properties, view_switch, preferences, operators, input_operators, panels)
+    relighting = (relight_properties, relight_operators, export_operator, relight_panel)
+    return (*making, *relighting, cli)

@@ -17,12 +17,14 @@ _handle: object | None = None
 def run(argv: list[str]) -> int:
     """Answer the command; the result is the exit status of Blender."""
     from ..__main__ import main
+    from ..commands import interrupts
 
     words = [word for word in argv if not word.startswith("-")]
     if words[:2] == ["weights", "download"] and not bpy.app.online_access:
         print(f"arm: {OFFLINE}", file=sys.stderr)
         return 1
-    return main(argv)
+    with interrupts.listening():  # Blender's own way of stopping would leave files half-written.
+        return main(argv)
 
 
 def register() -> None:

@@ -15,6 +15,9 @@ BLEND_RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5, 0
 # Python imported Blender, not the other way round. Blender 4.2 has no `bpy.app.module` to ask.
 IS_MODULE = not bpy.app.binary_path
 
+# Since 5.0 a property says that its path may begin with // for the folder of the open file.
+RELATIVE_PATH = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (5, 0, 0) else set()
+
 # Both leave base colours as they are below the highlights; AgX, the default, changes them.
 NEUTRAL_VIEW_TRANSFORMS = ("Khronos PBR Neutral", "Standard")
 
@@ -52,6 +55,9 @@ def use_eevee(scene: bpy.types.Scene, samples: int) -> None:
     """Render `scene` by Eevee with `samples` a pixel; it needs a graphics device, real or software."""
     scene.render.engine = EEVEE
     scene.eevee.taa_render_samples = samples
+    for limit in ("clamp_surface_direct", "clamp_surface_indirect"):
+        if hasattr(scene.eevee, limit):  # Since 4.3; by default the reflection of a bright lamp is cut off.
+            setattr(scene.eevee, limit, 0.0)
 
 
 def use_neutral_view(scene: bpy.types.Scene) -> None:
@@ -67,12 +73,41 @@ def use_neutral_view(scene: bpy.types.Scene) -> None:
 
 def use_png(scene: bpy.types.Scene) -> None:
     """Write stills of `scene` as 8-bit RGBA PNG."""
-    image = scene.render.image_settings
-    if hasattr(image, "media_type"):  # Since 5.0 the kind of media limits the formats.
-        image.media_type = "IMAGE"
+    image = _images_of_kind(scene, "IMAGE")
     image.file_format = "PNG"
     image.color_mode = "RGBA"
     image.color_depth = "8"
+
+
+def use_exr(scene: bpy.types.Scene, layers: bool = False) -> None:
+    """Write stills of `scene` as linear float EXR with alpha, uncompressed; with `layers`, of every pass."""
+    image = _images_of_kind(scene, "MULTI_LAYER_IMAGE" if layers else "IMAGE")
+    image.file_format = "OPEN_EXR_MULTILAYER" if layers else "OPEN_EXR"
+    if not layers:
+        image.color_mode = "RGBA"
+    image.color_depth = "32"
+    image.exr_codec = "NONE"
+
+
+def use_mp4(scene: bpy.types.Scene) -> None:
+    """Write animations of `scene` as H.264 in an MP4."""
+    _images_of_kind(scene, "VIDEO").file_format = "FFMPEG"
+    video = scene.render.ffmpeg
+    video.format, video.codec, video.constant_rate_factor, video.audio_codec = "MPEG4", "H264", "HIGH", "NONE"
+
+
+def _images_of_kind(scene: bpy.types.Scene, kind: str) -> bpy.types.ImageFormatSettings:
+    """The output settings of `scene`; since 5.0 the kind of media limits their formats."""
+    image = scene.render.image_settings
+    if hasattr(image, "media_type"):
+        image.media_type = kind
+    return image
+
+
+def sequence_strips(scene: bpy.types.Scene) -> bpy.types.bpy_prop_collection:
+    """The strips of the scene's sequencer, which is made where there is none; 4.4 gave them another name."""
+    editor = scene.sequence_editor_create()
+    return editor.strips if hasattr(editor, "strips") else editor.sequences
 
 
 def reason(error: Exception) -> str:

@@ -9,9 +9,13 @@ from torch import Tensor
 from ..graphics.color import srgb_from_linear
 from ..structures import MaterialMaps
 from ..uv.maps import ONE_STEP, constant_value
+from ..uv.normal_map import unit_from_normals
 from .compat import shader_tree
 
 ColorSpace = Literal["sRGB", "Non-Color"]
+
+UV_MAP = "UVMap"
+"""Of the mesh, where the maps lie."""
 
 _COLUMN = -640.0
 _ROW = 320.0
@@ -69,11 +73,25 @@ def build_material(name: str, maps: MaterialMaps) -> bpy.types.Material:
         texture = _add_texture(tree, image, socket, row)
         tree.links.new(texture.outputs["Color"], surface.inputs[socket])
         textures.append(texture)
+    if maps.normal is not None:
+        image = image_from_map(f"{name} normal", unit_from_normals(maps.normal), "Non-Color")
+        textures.append(_add_normal_map(tree, surface, image))
     baked = image_from_map(f"{name} baked", maps.baked, "sRGB")
     _add_texture(tree, baked, "Baked color: lighting of the views included", row=3)
     _frame(tree, textures, "Relightable maps")
     tree.nodes.active = albedo  # The active image is what texture paint and solid view's texture mode show.
     return material
+
+
+def _add_normal_map(tree: bpy.types.ShaderNodeTree, surface: bpy.types.Node, image: bpy.types.Image) -> bpy.types.Node:
+    """The texture of a normal map, linked to `surface` through the node that takes it out of tangent space."""
+    texture = _add_texture(tree, image, "Normal", row=4)
+    turned = tree.nodes.new("ShaderNodeNormalMap")
+    turned.uv_map = UV_MAP
+    turned.location = (_COLUMN / 2.0, texture.location[1])
+    tree.links.new(texture.outputs["Color"], turned.inputs["Color"])
+    tree.links.new(turned.outputs["Normal"], surface.inputs["Normal"])
+    return texture
 
 
 def _add_texture(tree: bpy.types.ShaderNodeTree, image: bpy.types.Image, label: str, row: int) -> bpy.types.Node:

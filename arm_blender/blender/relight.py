@@ -1,4 +1,4 @@
-"""Render an asset under environment maps, and a contact sheet of it."""
+"""Render an asset under environment maps: stills, turntables, environments that turn, two of them side by side."""
 
 import math
 import tempfile
@@ -8,21 +8,29 @@ from pathlib import Path
 from typing import Literal
 
 import bpy
-import numpy as np
 
 from ..errors import ArmError
-from ..progress import Progress, silent
-from .compat import reason, use_cycles, use_eevee, use_neutral_view, use_png
+from ..progress import Progress, part, silent
+from .asset_file import linked_asset
+from .compat import use_cycles, use_eevee, use_neutral_view, use_png
 from .console import without_chatter
 from .export import written_by_blender
-from .studio import add_camera, bounding_sphere, environment_path, light_by_environment, temporary_scene
+from .graphics_device import check_eevee
+from .pictures import write_sheet
+from .studio import (
+    add_camera,
+    bounding_sphere,
+    environment_path,
+    light_by_environment,
+    temporary_scene,
+    turn_environment,
+)
 
 Engine = Literal["cycles", "eevee"]
+Turning = Literal["object", "environment"]
 
 PREVIEW_ENVIRONMENTS = ("studio", "sunset")
 PREVIEW_TURNS = 2
-PREVIEW_BACKDROP = 0.82
-"""sRGB grey behind the object."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +44,11 @@ class RelightConfig:
     samples: int = 32
     """Paths a pixel; fewer than 16 leave blotches after denoising."""
     turntable: int = 1
-    """Pictures in one full turn of the object under a light that stands still."""
+    """Pictures in one full turn."""
+    turning: Turning = "object"
+    """What turns: the object under a light that stands still, or the environment around an object that does."""
+    rotation_deg: float = 0.0
+    """Of the environment at the start, counter-clockwise seen from above."""
     azimuth_deg: float = 30.0
     """Of the camera; 0 is Blender's front."""
     elevation_deg: float = 15.0
@@ -45,49 +57,117 @@ class RelightConfig:
     def __post_init__(self) -> None:
         if self.engine not in ("cycles", "eevee"):
             raise ValueError(f"engine must be 'cycles' or 'eevee', got {self.engine!r}")
+        if self.turning not in ("object", "environment"):
+            raise ValueError(f"turning must be 'object' or 'environment', got {self.turning!r}")
         if min(self.resolution, self.samples, self.turntable) < 1:
             raise ValueError(f"resolution, samples and turntable must be at least 1, got {self}")
+        if not all(map(math.isfinite, (self.rotation_deg, self.azimuth_deg, self.elevation_deg))):
+            raise ValueError(f"angles must be finite, got {self}")
 
 
-@without_chatter()
+@dataclass(frozen=True)
+class Frame:
+    """One picture to come.
+
+    Attributes:
+        name: of its file, without the asset's.
+        environments: one, or several to be shown side by side.
+        turn: its place in the full turn, from 0.
+    """
+
+    name: str
+    environments: tuple[Path, ...]
+    turn: int
+
+
+def frames(environments: Sequence[Path | str], config: RelightConfig, compare: bool = False) -> list[Frame]:
+    """The pictures of a full turn, under each environment after the other, or under all of them side by side.
+
+    Args:
+        environments: files, or names of the maps that Blender ships ("forest", "studio", ...). Two files of one name
+            are told apart by a number.
+        compare: put the environments of each turn into one picture.
+    Raises:
+        InputImageError: an environment is not there.
+    """
+    paths = [environment_path(environment) for environment in environments]
+    labels: list[str] = []
+    for path in paths:
+        label, copies = path.stem, 1
+        while label in labels:
+            copies += 1
+            label = f"{path.stem}-{copies}"
+        labels.append(label)
+    single = [(label, (path,)) for label, path in zip(labels, paths, strict=True)]
+    groups = [("_".join(labels), tuple(paths))] if compare else single
+    return [Frame(f"{label}_{turn:03d}.png", held, turn) for label, held in groups for turn in range(config.turntable)]
+
+
 def relight(
     source: bpy.types.Object | Path | str,
     environments: Sequence[Path | str],
     output: Path | str,
     config: RelightConfig = RelightConfig(),
     progress: Progress = silent,
+    compare: bool = False,
 ) -> list[Path]:
-    """Render an asset under each environment map, on a transparent background.
+    """Render an asset under each environment map, on a transparent background; side by side, on a grey one.
 
     The open file keeps its scenes, selection and datablocks.
 
     Args:
-        source: a mesh object of the open file, or a .blend, .glb or .gltf file.
-        environments: files, or names of the maps that Blender ships ("forest", "studio", ...).
+        source: a mesh object of the open file, or a file of an asset.
+        environments, compare: as of `frames`.
         output: the folder for the pictures; made where it is missing.
-        config: engine, size, quality and camera.
+        config: engine, size, quality, camera, and what turns.
         progress: told before each picture.
     Returns:
         `<asset>_<environment>_<turn>.png` for every environment and turn, in that order.
     Raises:
-        ArmError: the asset cannot be read.
+        ArmError: the asset cannot be read, or Eevee cannot run here.
         InputImageError: an environment map cannot be read.
         OutputError: a picture cannot be written.
     """
-    maps = [environment_path(environment) for environment in environments]
+    return render_frames(source, frames(environments, config, compare), output, config, progress)
+
+
+@without_chatter()
+def render_frames(
+    source: bpy.types.Object | Path | str,
+    wanted: Sequence[Frame],
+    output: Path | str,
+    config: RelightConfig,
+    progress: Progress = silent,
+) -> list[Path]:
+    """Some of the pictures of `relight`, which see."""
+    if config.engine == "eevee":
+        check_eevee()
     name = source.name if isinstance(source, bpy.types.Object) else Path(source).stem
     pictures = []
-    with temporary_scene("Relight") as scene:
+    worlds: dict[Path, bpy.types.World] = {}
+    with temporary_scene("Relight") as scene, tempfile.TemporaryDirectory(prefix="arm-relight-") as folder:
         pivot = _show(scene, source, config)
-        total = len(maps) * config.turntable
-        for path in maps:
-            light_by_environment(scene, path)
-            for turn in range(config.turntable):
-                progress(len(pictures) / total, f"Rendering {name} under {path.stem}")
-                pivot.rotation_euler[2] = 2.0 * math.pi * turn / config.turntable
-                picture = Path(output) / f"{name}_{path.stem}_{turn:03d}.png"
-                _render(scene, picture)
-                pictures.append(picture)
+        for number, frame in enumerate(wanted):
+            said = part(progress, number / len(wanted), (number + 1) / len(wanted))
+            degrees = 360.0 * frame.turn / config.turntable
+            pivot.rotation_euler[2] = math.radians(degrees) if config.turning == "object" else 0.0
+            renders = []
+            for index, path in enumerate(frame.environments):
+                said(index / len(frame.environments), f"Rendering {name} under {path.stem}")
+                if path not in worlds:
+                    worlds[path] = light_by_environment(scene, path)
+                scene.world = worlds[path]
+                turn_environment(
+                    scene.world, config.rotation_deg + (degrees if config.turning == "environment" else 0.0)
+                )
+                renders.append(Path(folder) / f"{index}.png")
+                _render(scene, renders[-1])
+            pictures.append(Path(output) / f"{name}_{frame.name}")
+            with written_by_blender(pictures[-1]) as partial:
+                if len(renders) == 1:
+                    partial.write_bytes(renders[0].read_bytes())
+                else:
+                    write_sheet(partial, [[render] for render in renders])
     return pictures
 
 
@@ -102,31 +182,25 @@ def preview(
     """One PNG of an asset: a column for each environment map, a row for each of two opposite sides.
 
     Args:
-        source: a mesh object of the open file, or a .blend, .glb or .gltf file.
+        source: a mesh object of the open file, or a file of an asset.
         picture: the PNG; (2 * resolution) pixels high.
         environments: files, or names of the maps that Blender ships.
         resolution: pixels a side of one render.
         samples: paths a pixel.
     Raises:
-        as `relight`.
+        ArmError: as `relight`.
     """
     config = RelightConfig(resolution=resolution, samples=samples, turntable=PREVIEW_TURNS)
     with tempfile.TemporaryDirectory() as folder:
-        renders = [_read_pixels(path) for path in relight(source, environments, folder, config)]
-    columns = [np.concatenate(renders[i : i + PREVIEW_TURNS][::-1]) for i in range(0, len(renders), PREVIEW_TURNS)]
-    sheet = np.concatenate(columns, axis=1)
-    sheet[..., :3] = sheet[..., :3] * sheet[..., 3:] + PREVIEW_BACKDROP * (1.0 - sheet[..., 3:])
-    sheet[..., 3] = 1.0
-    with written_by_blender(Path(picture)) as partial:
-        _write_pixels(partial, sheet)
+        renders = relight(source, environments, folder, config)
+        columns = [renders[i : i + PREVIEW_TURNS] for i in range(0, len(renders), PREVIEW_TURNS)]
+        with written_by_blender(Path(picture)) as partial:
+            write_sheet(partial, columns)
 
 
 def _show(scene: bpy.types.Scene, source: bpy.types.Object | Path | str, config: RelightConfig) -> bpy.types.Object:
     """Put the asset into `scene` with a camera; returns the empty that turns it about the vertical."""
-    if isinstance(source, bpy.types.Object):
-        shown = [_copied(scene, source)]
-    else:
-        shown = _loaded(scene, Path(source))
+    shown = linked_asset(scene, source)
     layer = scene.view_layers[0]
     layer.update()  # Otherwise the world matrices of what was just linked are those of the file, or unit.
     meshes = [item for item in shown if item.type == "MESH" and len(item.data.vertices) > 0]
@@ -153,72 +227,7 @@ def _show(scene: bpy.types.Scene, source: bpy.types.Object | Path | str, config:
     return pivot
 
 
-def _copied(scene: bpy.types.Scene, source: bpy.types.Object) -> bpy.types.Object:
-    """A copy that shares the mesh and the materials, so that the user's object is not moved."""
-    copied = source.copy()
-    copied.animation_data_clear()
-    copied.parent = None
-    copied.matrix_world = source.matrix_world
-    copied.hide_render = False
-    scene.collection.objects.link(copied)
-    return copied
-
-
-def _loaded(scene: bpy.types.Scene, path: Path) -> list[bpy.types.Object]:
-    """The objects of a file but its cameras and lamps, linked to `scene`."""
-    path = path.absolute()
-    kind = path.suffix.lower()
-    if not path.is_file():
-        raise ArmError(f"{path}: no such asset; give a .blend, .glb or .gltf file")
-    try:
-        if kind == ".blend":
-            with bpy.data.libraries.load(str(path), link=False) as (available, wanted):
-                wanted.objects = list(available.objects)
-            loaded = [item for item in wanted.objects if item is not None]
-            for item in loaded:
-                scene.collection.objects.link(item)
-        elif kind in (".glb", ".gltf"):
-            layer = scene.view_layers[0]
-            with bpy.context.temp_override(
-                scene=scene, view_layer=layer, collection=scene.collection, layer_collection=layer.layer_collection
-            ):
-                bpy.ops.import_scene.gltf(filepath=str(path))
-            loaded = list(scene.collection.all_objects)
-        else:
-            raise ArmError(f"{path}: not an asset; give a .blend, .glb or .gltf file")
-    except (OSError, RuntimeError) as error:
-        raise ArmError(f"{path}: Blender cannot read this asset ({reason(error)}); generate it again") from error
-    for item in [item for item in loaded if item.type in ("CAMERA", "LIGHT", "LIGHT_PROBE")]:
-        loaded.remove(item)
-        bpy.data.objects.remove(item)
-    return loaded
-
-
 def _render(scene: bpy.types.Scene, picture: Path) -> None:
     with written_by_blender(picture) as partial:
         scene.render.filepath = str(partial)
         bpy.ops.render.render(scene=scene.name, write_still=True)
-
-
-def _read_pixels(path: Path) -> np.ndarray:
-    """(H, W, 4) float32 of a picture as it is stored, bottom row first."""
-    image = bpy.data.images.load(str(path), check_existing=False)
-    try:
-        pixels = np.empty(len(image.pixels), dtype=np.float32)
-        image.pixels.foreach_get(pixels)
-        return pixels.reshape(image.size[1], image.size[0], 4)
-    finally:
-        bpy.data.images.remove(image)
-
-
-def _write_pixels(path: Path, pixels: np.ndarray) -> None:
-    """Write (H, W, 4) in [0, 1], bottom row first, as an 8-bit PNG."""
-    height, width = pixels.shape[:2]
-    image = bpy.data.images.new("sheet", width, height, alpha=True)
-    try:
-        image.pixels.foreach_set(np.ascontiguousarray(pixels, dtype=np.float32).ravel())
-        image.filepath_raw = str(path)
-        image.file_format = "PNG"
-        image.save()
-    finally:
-        bpy.data.images.remove(image)

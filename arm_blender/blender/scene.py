@@ -9,7 +9,7 @@ import numpy as np
 from ..structures import MaterialMaps, RelightableAsset, UvMesh
 from ..version import VERSION
 from .compat import shader_tree
-from .material_nodes import build_material
+from .material_nodes import UV_MAP, build_material
 
 
 def build_object(
@@ -52,7 +52,7 @@ def build_mesh(name: str, mesh: UvMesh) -> bpy.types.Mesh:
     created.loops.foreach_set("vertex_index", faces.ravel())
     created.polygons.add(len(faces))
     created.polygons.foreach_set("loop_start", np.arange(0, corners, 3, dtype=np.int32))
-    layer = created.uv_layers.new(name="UVMap", do_init=False)
+    layer = created.uv_layers.new(name=UV_MAP, do_init=False)
     layer.uv.foreach_set("vector", corner_uvs.ravel())
     created.update(calc_edges=True)
     created.validate()  # After the UVs, so that they go along where a degenerate face is dropped.

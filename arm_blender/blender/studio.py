@@ -4,18 +4,25 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
-from mathutils import Vector
+from mathutils import Matrix, Vector
 
 from ..errors import InputImageError
 from .compat import shader_tree
+
+if TYPE_CHECKING:  # It brings torch, which takes seconds.
+    from ..graphics.cameras import Camera
 
 FIELD_OF_VIEW_DEG = 30.0
 
 IMPORTANCE_MAP_SIZE = 256
 """Pixels across. Blender's own choice is the size of the environment, which costs two seconds for every new one."""
+
+_ROTATION = "Rotation of the environment"
+"""The node of a world of ours that turns it."""
 
 _INTERFACE = {"window_managers", "screens", "workspaces"}
 
@@ -38,17 +45,33 @@ def environment_path(environment: str | Path) -> Path:
     Raises:
         InputImageError: neither is there.
     """
-    shipped = Path(bpy.utils.system_resource("DATAFILES")) / "studiolights" / "world"
-    candidates = [Path(environment), *sorted(shipped.glob(f"{Path(environment).name}.*"))]
+    candidates = [Path(environment), *sorted(_shipped().glob(f"{Path(environment).name}.*"))]
     for candidate in candidates:
         if candidate.is_file():
             return candidate.resolve()
-    names = ", ".join(sorted(p.stem for p in shipped.glob("*.exr")))
+    names = ", ".join(shipped_environments())
     raise InputImageError(f"{environment}: no such environment map; give a .hdr or .exr file, or one of: {names}")
 
 
-def light_by_environment(scene: bpy.types.Scene, path: Path) -> None:
-    """Light `scene` by an equirectangular environment map, and by nothing else that it adds."""
+def shipped_environments() -> list[str]:
+    """The names of the environment maps that come with Blender, sorted."""
+    return sorted(path.stem for path in _shipped().glob("*.exr"))
+
+
+def _shipped() -> Path:
+    return Path(bpy.utils.system_resource("DATAFILES")) / "studiolights" / "world"
+
+
+def light_by_environment(scene: bpy.types.Scene, path: Path, rotation_deg: float = 0.0) -> bpy.types.World:
+    """Light `scene` by an equirectangular environment map, and by nothing else that it adds.
+
+    Args:
+        rotation_deg: as of `turn_environment`.
+    Returns:
+        the world, which is the scene's.
+    Raises:
+        InputImageError: Blender cannot read the map.
+    """
     world = bpy.data.worlds.new(path.stem)
     tree = shader_tree(world)
     tree.nodes.clear()
@@ -61,12 +84,31 @@ def light_by_environment(scene: bpy.types.Scene, path: Path) -> None:
             raise RuntimeError(f"{path} has no pixels")
     except RuntimeError as error:
         raise InputImageError(f"{path}: Blender cannot read this environment map; give a .hdr or .exr file") from error
+    place = tree.nodes.new("ShaderNodeTexCoord")
+    turned = tree.nodes.new("ShaderNodeMapping")
+    turned.name = _ROTATION
+    tree.links.new(place.outputs["Generated"], turned.inputs["Vector"])
+    tree.links.new(turned.outputs["Vector"], environment.inputs["Vector"])
     tree.links.new(environment.outputs["Color"], background.inputs["Color"])
     tree.links.new(background.outputs["Background"], output.inputs["Surface"])
     if hasattr(world, "cycles"):
         world.cycles.sampling_method = "MANUAL"
         world.cycles.sample_map_resolution = IMPORTANCE_MAP_SIZE
+    if hasattr(world, "sun_threshold"):
+        world.sun_threshold = 0.0  # Else Eevee makes one sun of everything bright, however many lamps the map has.
+    turn_environment(world, rotation_deg)
     scene.world = world
+    return world
+
+
+def turn_environment(world: bpy.types.World, rotation_deg: float) -> bool:
+    """Turn what lights a scene about the vertical, counter-clockwise seen from above; False where it is not of ours."""
+    turned = world.node_tree.nodes.get(_ROTATION) if world.node_tree is not None else None
+    if turned is None:
+        return False
+    # The node turns the directions that are looked up: the environment goes the other way.
+    turned.inputs["Rotation"].default_value[2] = -math.radians(rotation_deg)
+    return True
 
 
 def light_softly(scene: bpy.types.Scene, center: Vector, radius: float) -> None:
@@ -132,6 +174,24 @@ def add_camera(
     scene.collection.objects.link(camera)
     scene.camera = camera
     return camera
+
+
+def add_view_camera(scene: bpy.types.Scene, camera: "Camera") -> bpy.types.Object:
+    """A pinhole camera of ours, with its principal point in the middle, as the scene's camera and its resolution."""
+    lens = bpy.data.cameras.new("Camera")
+    lens.sensor_fit, lens.clip_start = "HORIZONTAL", 0.01
+    holder = bpy.data.objects.new(lens.name, lens)
+    scene.collection.objects.link(holder)
+    scene.camera = holder
+    aim_view_camera(scene, camera)
+    return holder
+
+
+def aim_view_camera(scene: bpy.types.Scene, camera: "Camera") -> None:
+    """Bring the camera of `add_view_camera` to where another of ours is."""
+    scene.camera.matrix_world = Matrix(camera.c2w.tolist())
+    scene.camera.data.angle = 2.0 * math.atan(camera.width / (2.0 * float(camera.K[0, 0])))
+    scene.render.resolution_x, scene.render.resolution_y = camera.width, camera.height
 
 
 def _datablocks() -> set[bpy.types.ID]:

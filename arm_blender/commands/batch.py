@@ -6,30 +6,47 @@ import argparse
 import csv
 import json
 import logging
+import platform
 import sys
 import time
 from collections.abc import Iterator
-from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, field
-from multiprocessing import active_children, get_context
+from contextlib import closing
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ..errors import ArmError, InputImageError
-from ..files import check_output
-from . import UsageError, generate, interrupts
+from ..files import check_output, clear_unfinished
+from ..version import VERSION
+from . import UsageError, generate, workers
 
 logger = logging.getLogger(__name__)
 
 _COLUMNS = {
-    "elevation": float,
-    "fovy": float,
-    "rig_distance": float,
     "seed": int,
+    "quality": str,
+    "texture_size": int,
+    "faces": int,
+    "grid": int,
+    "blend": str,
+    "place": generate.placement,
     "mesh": Path,
     "view_weights": generate.view_weights,
+    "elevation": float,
+    "fovy": float,
+    "rig": str,
+    "rig_distance": float,
 }
 """What an item may say for itself, besides `views` and `name`; everything else is said once for all."""
+
+WORKER = "arm_blender.commands.batch"
+"""Whose `answer` other processes call: this module, by the name that it has for them."""
+
+EPILOG = f"""LIST is a folder of images and of folders of views; a .txt of one path a line; a .csv with a column views;
+or a .json list of paths and of objects with views. A csv or json item may also have a name, and options of its own over
+those of the command line: {", ".join(_COLUMNS)}. An empty field leaves the command line's. Relative paths are relative
+to the list. stdout gets one line of JSON an item, as it ends: views, output, status (done, skipped or failed), seconds
+of each stage, total_seconds, seed, versions, and the error where there is one."""
 
 
 @dataclass(frozen=True)
@@ -52,10 +69,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "items",
         type=Path,
         metavar="LIST",
-        help=f".txt, .csv or .json of views, name, {', '.join(_COLUMNS)}; or a folder",
+        help="a folder, .txt, .csv or .json; see below",
     )
+    parser.epilog = EPILOG
     parser.add_argument("--resume", action="store_true", help="skip items whose result is whole")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes side by side (default: 1)")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes that share the cores (default: 1)")
     generate.add_options(parser)
 
 
@@ -67,11 +85,15 @@ def run(args: argparse.Namespace) -> int:
     # What is said once for all is refused once, before any work.
     generate.settings_of(args)
     generate.view_options_of(args)
+    generate.formats_of(args)
+    for item in items:
+        clear_unfinished(args.output / item.name)  # Of a run that was killed.
     failed = 0
-    for line in _lines(items, args):
-        # A foreign byte in a file's name is no JSON, and no stream takes it.
-        print(json.dumps(line, ensure_ascii=False).encode("utf-8", "replace").decode(), flush=True)
-        failed += line["status"] == "failed"
+    with closing(_lines(items, args)) as lines:
+        for line in lines:
+            # A foreign byte in a file's name is no JSON, and no stream takes it.
+            print(json.dumps(line, ensure_ascii=False).encode("utf-8", "replace").decode(), flush=True)
+            failed += line["status"] == "failed"
     return 1 if failed else 0
 
 
@@ -171,43 +193,25 @@ def _lines(items: list[Item], args: argparse.Namespace) -> Iterator[dict[str, An
     if args.jobs == 1:
         yield from (_made(item, args) for item in items)
         return
-    quiet = argparse.Namespace(**{key: value for key, value in vars(args).items() if key != "run"})
-    quiet.progress = "never"
-    signals = interrupts.watched()
-    # A forked copy of a process that has run torch can hang: each worker starts afresh.
-    pool = ProcessPoolExecutor(
-        min(args.jobs, len(items)), get_context("spawn"), initializer=interrupts.watch, initargs=(signals, True)
-    )
-    try:
-        waiting = {pool.submit(_made_by_worker, item, quiet, signals): item for item in items}
-        for done in as_completed(waiting):
-            yield _result(done, waiting[done], args)
-    except BaseException:
-        for worker in active_children():
-            worker.terminate()
-        raise
-    finally:
-        pool.shutdown(cancel_futures=True)
+    words = {key: value for key, value in vars(args).items() if key != "run"} | {"progress": "never"}
+    rows = [asdict(item) for item in items]
+    with closing(workers.side_by_side(rows, args.jobs, WORKER, words)) as answers:
+        for row, line in answers:
+            yield line or _killed(Item(**row), args)
 
 
-def _made_by_worker(item: Item, args: argparse.Namespace, signals: list[int]) -> dict[str, Any]:
-    """`_made` in another process, which an interruption stops at once, and for good."""
-    interrupts.watch(signals)
-    try:
-        interrupts.check()
-        return _made(item, args)
-    finally:
-        interrupts.watch(signals, idle=True)
+def answer(row: dict[str, Any], words: dict[str, Any]) -> dict[str, Any]:
+    """`_made` in another process."""
+    return _made(Item(**row), argparse.Namespace(**words))
 
 
-def _result(done: Future, item: Item, args: argparse.Namespace) -> dict[str, Any]:
-    """The line of an item; a worker that the system has killed fails those that are left, and no result is lost."""
-    try:
-        return done.result()
-    except BrokenExecutor:
-        error = f"{item.views}: a worker was killed, most likely for memory; use fewer --jobs, with --resume"
-        print(f"arm: {error}", file=sys.stderr)
-        return {"views": str(item.views), "output": str(args.output / item.name), "status": "failed", "error": error}
+def _killed(item: Item, args: argparse.Namespace) -> dict[str, Any]:
+    """The line of an item whose process the system has killed."""
+    output = args.output / item.name
+    clear_unfinished(output)
+    error = f"{item.views}: its process was killed, most likely for memory; use fewer --jobs, with --resume"
+    print(f"arm: {error}", file=sys.stderr)
+    return {"views": str(item.views), "output": str(output), "status": "failed", "error": error}
 
 
 def _made(item: Item, args: argparse.Namespace) -> dict[str, Any]:
@@ -215,25 +219,31 @@ def _made(item: Item, args: argparse.Namespace) -> dict[str, Any]:
     from ..export import is_whole
     from .progress_line import shown
 
-    output = args.output / item.name
-    line: dict[str, Any] = {"views": str(item.views), "output": str(output)}
-    if args.resume and is_whole(output):
+    own = argparse.Namespace(**(vars(args) | item.options | {"views": item.views, "output": args.output / item.name}))
+    line: dict[str, Any] = {"views": str(own.views), "output": str(own.output)}
+    if args.resume and is_whole(own.output):
         return line | {"status": "skipped"}
     start = time.perf_counter()
-    own = argparse.Namespace(**(vars(args) | item.options | {"views": item.views, "output": output}))
+    outcome: dict[str, Any] = {"status": "failed"}
     try:
         with shown(args.progress) as progress:
             report, _ = generate.produce(own, progress, item.name)
+        data = report.as_dict()
+        outcome = {"status": "done"} | {name: data[name] for name in ("seconds", "faces", "left_out")}
     except ArmError as error:
         print(f"arm: {error}", file=sys.stderr)
-        return line | {"status": "failed", "error": str(error), "seconds": _since(start)}
+        outcome["error"] = str(error)
     except Exception as error:  # A bug met by one item is shown whole, and the others still get their turn.
         logger.exception("%s", item.views)
-        reason = f"{item.views}: internal error ({type(error).__name__}: {error}); please report it"
-        return line | {"status": "failed", "error": reason, "seconds": _since(start)}
-    data = report.as_dict()
-    return line | {"status": "done", "seconds": _since(start), "faces": data["faces"], "left_out": data["left_out"]}
+        outcome["error"] = f"{item.views}: internal error ({type(error).__name__}: {error}); please report it"
+    outcome["total_seconds"] = round(time.perf_counter() - start, 3)
+    return line | outcome | {"seed": own.seed, "versions": _versions()}
 
 
-def _since(start: float) -> float:
-    return round(time.perf_counter() - start, 3)
+def _versions() -> dict[str, str]:
+    """What made an item: the program, Python, torch, and Blender where it is there."""
+    import torch
+
+    versions = {"arm_blender": VERSION, "python": platform.python_version(), "torch": torch.__version__}
+    bpy = sys.modules.get("bpy")
+    return versions | ({"blender": bpy.app.version_string} if bpy is not None else {})

@@ -72,7 +72,17 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     views.add_argument("--blend", default="robust", help="of views on a texel: robust, weighted or sharpest")
     result = parser.add_argument_group("result")
     result.add_argument("--mesh", type=Path, metavar="FILE", help="your mesh: only its texture is made")
-    result.add_argument("--place", choices=("cameras", "ground"), default="cameras", help="where the object stands")
+    result.add_argument(
+        "--place",
+        type=placement,
+        default="cameras",
+        metavar="WHERE",
+        help="cameras: where they see it (default); ground",
+    )
+    result.add_argument("--normal-map", action="store_true", help="keep the detail that decimation takes")
+    result.add_argument(
+        "--export", type=formats, default="glb", metavar="F,F", help="besides .blend: glb (default), usd, usdz, obj"
+    )
     result.add_argument("--preview", action="store_true", help="also render preview.png, by Cycles")
     result.add_argument("--progress", choices=("auto", "always", "never"), default="auto", help="auto: on a terminal")
 
@@ -86,6 +96,20 @@ def view_weights(text: str) -> tuple[float, ...]:
     if not weights or not all(math.isfinite(weight) and weight >= 0.0 for weight in weights):
         raise argparse.ArgumentTypeError(f"{text!r}: give numbers of 0 or more, separated by commas")
     return weights
+
+
+def formats(text: str) -> str:
+    """The value of --export; which formats there are is known once torch is imported."""
+    if not text.replace(",", "").replace(" ", ""):
+        raise argparse.ArgumentTypeError(f"{text!r}: give formats, separated by commas")
+    return text
+
+
+def placement(text: str) -> str:
+    """The value of --place."""
+    if text not in ("cameras", "ground"):
+        raise argparse.ArgumentTypeError(f"{text!r}: give cameras or ground")
+    return text
 
 
 def view_indices(text: str) -> tuple[int, ...]:
@@ -124,12 +148,12 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
     """
     check_output(args.output)
     report = run_of.begin(args.preset, args.device, args.seed, progress)
-    from ..export import write_asset
+    from ..export import write_asset, written_names
     from ..placement import on_the_ground
     from ..uv.mesh_file import read_mesh
     from ..views import load_views
 
-    settings, options = settings_of(args), view_options_of(args)
+    settings, options, kinds = settings_of(args), view_options_of(args), formats_of(args)
 
     def read_views(progress: Progress, report: Report) -> ViewSet:
         views = load_views(args.views, options, progress, report.leave_out, report.note_mask)
@@ -137,6 +161,7 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
             views = replace(views, name=name)
         if len(os.fsencode(views.name)) > LONGEST_NAME:
             raise InputImageError(f"{args.views}: the name is too long for the files made of it; rename it")
+        _check_inputs(args, written_names(views.name, kinds))
         return views
 
     own_mesh = None if args.mesh is None else lambda views: read_mesh(args.mesh)
@@ -148,7 +173,7 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
     def add_blender_files(stage: Path) -> None:
         _write_blender_files(asset, stage, settings, args.preview, report, part(progress, 0.9, 0.99))
 
-    files = write_asset(asset, report, args.output, part(progress, 0.85, 0.9), add_blender_files)
+    files = write_asset(asset, report, args.output, part(progress, 0.85, 0.9), add_blender_files, kinds)
     return report, files
 
 
@@ -160,7 +185,7 @@ def settings_of(args: argparse.Namespace) -> Settings:
     """
     from ..config import Settings
 
-    names = "preset quality texture_size faces grid dense seed device threads blend precision random_weights"
+    names = "preset quality texture_size faces grid dense seed device threads blend precision random_weights normal_map"
     values = {name: getattr(args, name) for name in names.split()}
     if args.time_limit is not None:
         values["time_limit"] = args.time_limit
@@ -168,6 +193,32 @@ def settings_of(args: argparse.Namespace) -> Settings:
         return Settings(**values)
     except ArmError as error:
         raise UsageError(str(error)) from error
+
+
+def formats_of(args: argparse.Namespace) -> tuple[str, ...]:
+    """What to write besides the .blend.
+
+    Raises:
+        UsageError: a format is unknown.
+    """
+    from .. import export
+
+    try:
+        return export.formats_of(args.export)
+    except ArmError as error:
+        raise UsageError(str(error)) from error
+
+
+def _check_inputs(args: argparse.Namespace, names: list[str]) -> None:
+    """Refuses to write over what is read.
+
+    Raises:
+        UsageError: the mesh or the picture is one of the files `names` of the output.
+    """
+    given = {path.resolve() for path in (args.views, args.mesh) if path is not None}
+    for name in names:
+        if (args.output / name).resolve() in given:
+            raise UsageError(f"{args.output / name}: is read, and would be written over; choose another --output")
 
 
 def view_options_of(args: argparse.Namespace) -> ViewOptions:

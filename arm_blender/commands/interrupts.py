@@ -6,6 +6,8 @@ the next report of progress raises it again.
 
 import signal
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import FrameType
 
 _asked = threading.Event()
@@ -26,6 +28,25 @@ def watch(numbers: list[int], idle: bool = False) -> None:
     """
     for number in numbers:
         signal.signal(number, _remember if idle else _interrupt)
+
+
+@contextmanager
+def listening() -> Iterator[None]:
+    """Listens during the block, on the main thread of a process that has other uses for its signals afterwards."""
+    before = {number: signal.getsignal(number) for number in watched()}
+    watch(list(before))
+    try:
+        yield
+    finally:
+        _asked.clear()
+        for number, handler in before.items():
+            if handler is not None:  # None: one of C, which Python can neither name nor bring back.
+                signal.signal(number, handler)
+
+
+def ask() -> None:
+    """As if a signal had come: the next `check` raises."""
+    _asked.set()
 
 
 def check() -> None:

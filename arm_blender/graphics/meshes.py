@@ -41,6 +41,32 @@ def vertex_normals(vertices: Tensor, faces: Tensor) -> Tensor:
     return _unit(normals)
 
 
+def angle_weighted_normals(vertices: Tensor, faces: Tensor) -> Tensor:
+    """(N, 3) unit normals: the mean of the faces around by their angle at the vertex, as Blender shades smoothly.
+
+    Unlike `vertex_normals` they do not change where a flat face is cut in pieces; 0 for a vertex of no face.
+    """
+    flat = face_normals(vertices, faces)
+    angles = corner_angles(vertices, faces)
+    normals = torch.zeros_like(vertices)
+    for corner in range(3):
+        normals = normals.index_add(0, faces[:, corner], angles[:, corner, None] * flat)
+    return _unit(normals)
+
+
+def corner_angles(vertices: Tensor, faces: Tensor) -> Tensor:
+    """(F, 3) angles of faces at their corners, radians."""
+    corners = vertices[faces]
+    ahead = _unit(corners.roll(-1, dims=1) - corners)
+    return angle_between(ahead, -ahead.roll(1, dims=1))
+
+
+def angle_between(first: Tensor, second: Tensor) -> Tensor:
+    """(...) radians between unit vectors (..., 3); 0 where one is 0."""
+    # By arctangent: the arccosine of nearly 1 has no digits left.
+    return torch.atan2(torch.linalg.cross(first, second, dim=-1).norm(dim=-1), (first * second).sum(dim=-1))
+
+
 def sample_surface(
     vertices: Tensor, faces: Tensor, count: int, generator: torch.Generator
 ) -> tuple[Tensor, Tensor, Tensor]:
@@ -76,4 +102,4 @@ def _area_vectors(vertices: Tensor, faces: Tensor) -> Tensor:
 
 
 def _unit(vectors: Tensor) -> Tensor:
-    return vectors / vectors.norm(dim=1, keepdim=True).clamp(min=MIN_LENGTH)
+    return vectors / vectors.norm(dim=-1, keepdim=True).clamp(min=MIN_LENGTH)

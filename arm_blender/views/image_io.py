@@ -1,7 +1,6 @@
 """Pictures in and out of files, through OpenImageIO: linear Rec.709 with straight alpha inside, sRGB in 8-bit files."""
 
 import logging
-import os
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,6 +14,7 @@ from torch import Tensor
 from ..errors import InputImageError
 from ..files import whole_file
 from ..graphics.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
+from ..quiet import STDERR, silenced
 
 logger = logging.getLogger(__name__)
 
@@ -177,11 +177,5 @@ def _quiet_decoders() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    saved = os.dup(2)
-    try:
-        with open(os.devnull, "wb") as nowhere:
-            os.dup2(nowhere.fileno(), 2)
+    with silenced(STDERR):
         yield
-    finally:
-        os.dup2(saved, 2)
-        os.close(saved)

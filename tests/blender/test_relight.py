@@ -1,21 +1,31 @@
 """Relit pictures show the asset whole, in the colours that theory gives, and leave the open file as it was."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+import arm_blender
 from arm_blender.errors import ArmError, InputImageError
 from arm_blender.structures import MaterialMaps, RelightableAsset
 
 bpy = pytest.importorskip("bpy")
 from bpy_extras.object_utils import world_to_camera_view  # noqa: E402
 
+from arm_blender.blender import graphics_device  # noqa: E402
+from arm_blender.blender.compat import sequence_strips, use_png  # noqa: E402
 from arm_blender.blender.export import save_blend  # noqa: E402
 from arm_blender.blender.relight import RelightConfig, preview, relight  # noqa: E402
 from arm_blender.blender.scene import build_object  # noqa: E402
 from arm_blender.blender.studio import add_camera, bounding_sphere, environment_path, temporary_scene  # noqa: E402
+from arm_blender.blender.video import write_video  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("empty_file")]
 
+ROOT = Path(arm_blender.__file__).parents[1]
 TINY = RelightConfig(resolution=24, samples=2)
 
 
@@ -93,6 +103,113 @@ def test_half_a_turn_shows_the_other_side(make_mesh, maps, tmp_path):
     front, back = (pixels(path) for path in relight(ring, ["studio"], tmp_path, config))
     assert (front[..., 2] * front[..., 3]).sum() > 2 * (front[..., 0] * front[..., 3]).sum()
     assert (back[..., 0] * back[..., 3]).sum() > 2 * (back[..., 2] * back[..., 3]).sum()
+
+
+def test_environments_of_one_name_have_pictures_of_their_own(asset, white_sky, tmp_path):
+    (tmp_path / "dark").mkdir()
+    image = bpy.data.images.new("dark", 8, 4, float_buffer=True)
+    image.filepath_raw, image.file_format = str(tmp_path / "dark" / "white.hdr"), "HDR"
+    image.save()
+    bpy.data.images.remove(image)
+    pictures = relight(build_object(asset, {}), [white_sky, tmp_path / "dark" / "white.hdr"], tmp_path / "out", TINY)
+    assert [path.name for path in pictures] == ["ring_white_000.png", "ring_white-2_000.png"]
+    assert pixels(pictures[0])[..., :3].sum() > 10 * pixels(pictures[1])[..., :3].sum()
+
+
+@pytest.fixture
+def half_sky(tmp_path):
+    """Light from one side only: a bright quarter of the horizon, to one side of the middle."""
+    image = bpy.data.images.new("half", 32, 16, float_buffer=True)
+    values = np.zeros((16, 32, 4), dtype=np.float32)
+    values[..., 3], values[6:10, 2:8, :3] = 1.0, 20.0
+    image.pixels.foreach_set(values.ravel())
+    image.filepath_raw, image.file_format = str(tmp_path / "half.hdr"), "HDR"
+    image.save()
+    bpy.data.images.remove(image)
+    return tmp_path / "half.hdr"
+
+
+def test_turning_everything_but_the_camera_is_turning_the_camera_back(make_mesh, make_plain_maps, half_sky, tmp_path):
+    """Object and environment turned by one angle, seen from where the camera then is: the picture stays."""
+    asset = RelightableAsset("plain", make_mesh(24, 12), make_plain_maps((0.8, 0.8, 0.8), roughness=1.0, metallic=0.0))
+    shown = build_object(asset, {})
+    config = RelightConfig(resolution=24, samples=64, azimuth_deg=20.0)
+    (first,) = relight(shown, [half_sky], tmp_path / "a", config)
+    turned = RelightConfig(resolution=24, samples=64, azimuth_deg=130.0, rotation_deg=110.0)
+    (second,) = relight(shown, [half_sky], tmp_path / "b", turned)  # The ring itself looks the same from all around.
+    (other,) = relight(shown, [half_sky], tmp_path / "c", RelightConfig(resolution=24, samples=64, azimuth_deg=130.0))
+    same = np.abs(pixels(first) - pixels(second))[..., :3].mean()
+    assert same < 0.02 < np.abs(pixels(first) - pixels(other))[..., :3].mean()
+
+
+def test_an_environment_that_turns_leaves_the_object_where_it_is(asset, half_sky, tmp_path):
+    config = RelightConfig(resolution=24, samples=8, turntable=2, turning="environment")
+    start, half = (pixels(path) for path in relight(build_object(asset, {}), [half_sky], tmp_path / "out", config))
+    assert np.array_equal(start[..., 3], half[..., 3])
+    assert np.abs(start - half)[..., :3].max() > 0.2
+
+
+def test_environments_side_by_side_are_their_own_pictures_on_the_backdrop(asset, tmp_path):
+    shown = build_object(asset, {})
+    both = relight(shown, ["forest", "night"], tmp_path / "both", TINY, compare=True)
+    assert [path.name for path in both] == ["ring_forest_night_000.png"]
+    sheet = pixels(both[0])
+    assert sheet.shape == (24, 48, 4) and (sheet[..., 3] == 1.0).all()
+    for column, name in enumerate(("forest", "night")):
+        single = pixels(relight(shown, [name], tmp_path / "single", TINY)[0])
+        solid = single[..., 3] == 1.0
+        assert np.abs(sheet[:, 24 * column : 24 * (column + 1)] - single)[solid, :3].max() < 1.5 / 255
+
+
+def test_a_video_shows_the_pictures_in_their_order(tmp_path):
+    greys = (0.2, 0.5, 0.8)
+    paths = []
+    for grey in greys:
+        image = bpy.data.images.new("grey", 33, 32, alpha=True)
+        image.pixels.foreach_set(np.tile(np.array([grey, grey, grey, 1.0], dtype=np.float32), 33 * 32))
+        paths.append(tmp_path / f"{grey}.png")
+        image.filepath_raw, image.file_format = str(paths[-1]), "PNG"
+        image.save()
+    before = sorted(item.name for item in bpy.data.user_map())
+    write_video(tmp_path / "turn.mp4", paths, 3)
+    assert sorted(item.name for item in bpy.data.user_map() if item.name != "Render Result") == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([*(p.name for p in paths), "turn.mp4"])
+    movie = bpy.data.movieclips.load(str(tmp_path / "turn.mp4"))
+    assert (movie.frame_duration, movie.fps, tuple(movie.size)) == (3, 3.0, (32, 32))
+    assert shades(tmp_path / "turn.mp4", 3) == pytest.approx(greys, abs=0.03)
+
+
+def shades(video, count: int) -> list[float]:
+    """The mean of each frame, as Blender's own reader gives it."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    movie = bpy.data.images.load(str(video))
+    scene, found = bpy.context.scene, []
+    strip = sequence_strips(scene).new_movie(name="movie", filepath=str(video), channel=1, frame_start=1)
+    assert strip.frame_final_duration == count
+    scene.view_settings.view_transform = "Standard"
+    scene.render.resolution_x, scene.render.resolution_y = movie.size
+    use_png(scene)
+    for frame in range(1, count + 1):
+        scene.frame_set(frame)
+        scene.render.filepath = str(video.with_suffix(".frame.png"))
+        bpy.ops.render.render(write_still=True)
+        found.append(float(pixels(scene.render.filepath)[..., :3].mean()))
+    return found
+
+
+def test_eevee_without_a_graphics_device_is_one_line(asset, tmp_path, monkeypatch):
+    monkeypatch.setattr(graphics_device, "_egl_answers", lambda: False)
+    with pytest.raises(ArmError, match="Eevee needs a graphics device.*Cycles"):
+        relight(build_object(asset, {}), ["forest"], tmp_path / "out", RelightConfig(engine="eevee"))
+    assert not (tmp_path / "out").exists()
+
+
+def test_asking_for_a_device_without_a_driver_does_not_end_the_process(tmp_path):
+    """Where Blender would abort; in a process of its own, for the answer of EGL is kept."""
+    source = "from arm_blender.blender.graphics_device import check_eevee; check_eevee()"
+    environment = os.environ | {"__EGL_VENDOR_LIBRARY_DIRS": str(tmp_path), "LIBGL_DRIVERS_PATH": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", source], cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert done.returncode == 1 and "Eevee needs a graphics device" in done.stderr.splitlines()[-1]
 
 
 @pytest.mark.parametrize("suffix", [".blend", ".glb"])

@@ -18,9 +18,9 @@ import bpy
 import numpy as np
 import OpenImageIO as oiio
 import torch
-from mathutils import Matrix
 
-from arm_blender.blender.compat import use_cycles
+from arm_blender.blender.compat import use_cycles, use_exr
+from arm_blender.blender.studio import add_view_camera, aim_view_camera
 from arm_blender.errors import ArmError
 from arm_blender.graphics.cameras import Camera, orbit_camera
 from arm_blender.graphics.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
@@ -62,12 +62,11 @@ class RenderConfig:
     """OpenImageDenoise where this Blender has it."""
 
 
-def configure_cycles(config: RenderConfig) -> bpy.types.Object:
-    """Set up the scene for one-pass rendering into a multilayer EXR; return the camera."""
+def configure_cycles(config: RenderConfig) -> None:
+    """Set up the scene for one-pass rendering into a multilayer EXR, with a camera."""
     scene = bpy.context.scene
     render = scene.render
     use_cycles(scene, config.samples, config.denoise)
-    render.resolution_x = render.resolution_y = config.resolution
     render.film_transparent = True
     render.use_persistent_data = True
     render.use_compositing = render.use_sequencer = False
@@ -78,15 +77,8 @@ def configure_cycles(config: RenderConfig) -> bpy.types.Object:
     cycles.pixel_filter_type = "BOX"
     if cycles.use_denoising:
         cycles.denoising_prefilter, cycles.denoising_quality = "FAST", "FAST"
-    settings = render.image_settings
-    if hasattr(settings, "media_type"):  # Blender 5.0 chooses the medium first.
-        settings.media_type = "MULTI_LAYER_IMAGE"
-    settings.file_format, settings.color_depth, settings.exr_codec = "OPEN_EXR_MULTILAYER", "32", "NONE"
-    camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
-    camera.data.sensor_fit, camera.data.clip_start = "HORIZONTAL", 0.01
-    scene.collection.objects.link(camera)
-    scene.camera = camera
-    return camera
+    use_exr(scene, layers=True)
+    add_view_camera(scene, orbit_camera(0.0, 0.0, 1.0, 30.0, config.resolution, config.resolution))
 
 
 def read_layers(path: Path) -> dict[str, np.ndarray]:
@@ -117,10 +109,9 @@ def byte_image(values: np.ndarray, srgb: bool) -> np.ndarray:
     return bytes_from_unit(srgb_from_linear(image) if srgb else image).numpy()
 
 
-def render_view(camera: Camera, camera_object: bpy.types.Object, scratch: Path) -> dict[str, np.ndarray]:
+def render_view(camera: Camera, scratch: Path) -> dict[str, np.ndarray]:
     """One view: rgba (H, W, 4) uint8 sRGB straight, albedo uint8 sRGB, roughness, metallic uint8, depth, normal."""
-    camera_object.matrix_world = Matrix(camera.c2w.tolist())
-    camera_object.data.angle = 2.0 * math.atan(camera.width / (2.0 * float(camera.K[0, 0])))
+    aim_view_camera(bpy.context.scene, camera)
     bpy.context.scene.render.filepath = str(scratch / "view.exr")
     bpy.ops.render.render(write_still=True)
     layers = read_layers(scratch / "view.exr")
@@ -174,8 +165,8 @@ def random_rig(rng: np.random.Generator, size: int) -> tuple[Camera, ...]:
 
 def prepare_scene(
     path: Path, has_materials: bool, hdri: Path, rng: np.random.Generator, config: RenderConfig
-) -> tuple[bpy.types.Object, np.ndarray, np.ndarray]:
-    """Import, normalise and light one object: the camera, vertices (N, 3) float32 world, faces (F, 3) int64."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Import, normalise and light one object: vertices (N, 3) float32 world, faces (F, 3) int64."""
     radiance = mean_radiance(hdri)
     objects = import_object(path)
     normalise(objects)
@@ -184,19 +175,19 @@ def prepare_scene(
         make_opaque(material)
         if not has_materials:
             vary_material(material, rng)
-    camera_object = configure_cycles(config)
+    configure_cycles(config)
     add_aovs()
     set_world(hdri, rng.uniform(0.0, 360.0), rng.uniform(0.6, 1.4) / max(radiance, 1e-3))
-    return camera_object, vertices, faces
+    return vertices, faces
 
 
 def render_sample(entry: dict, data: Path, hdri: Path, output: Path, rig: int, config: RenderConfig) -> None:
     """One training sample of one object: a random rig, light and finish, all drawn from the object's own seed."""
     rng = np.random.default_rng(zlib.crc32(f"{entry['id']}/{rig}".encode()))
-    camera_object, vertices, faces = prepare_scene(data / entry["main"], entry["set"] == "pbr", hdri, rng, config)
+    vertices, faces = prepare_scene(data / entry["main"], entry["set"] == "pbr", hdri, rng, config)
     cameras = random_rig(rng, config.resolution)
     with tempfile.TemporaryDirectory(dir=SCRATCH) as scratch:
-        views = [render_view(camera, camera_object, Path(scratch)) for camera in cameras]
+        views = [render_view(camera, Path(scratch)) for camera in cameras]
     folder = output / entry["id"]
     folder.mkdir(parents=True, exist_ok=True)
     if not (folder / "mesh.npz").exists():
@@ -210,14 +201,14 @@ def render_sample(entry: dict, data: Path, hdri: Path, output: Path, rig: int, c
 def render_views(entry: dict, data: Path, hdri: Path, output: Path, distance: float, config: RenderConfig) -> None:
     """The six true views of an evaluation object in the Zero123++ v1.2 rig, as a user's folder."""
     rng = np.random.default_rng(zlib.crc32(entry["id"].encode()))
-    camera_object, vertices, faces = prepare_scene(data / entry["main"], True, hdri, rng, config)
+    vertices, faces = prepare_scene(data / entry["main"], True, hdri, rng, config)
     cameras = zero123plus_rig(distance=distance, size=config.resolution)
     names = [f"{index:03d}.png" for index in range(len(cameras))]
     folder = output / entry["id"]
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=SCRATCH) as scratch:
         for name, camera in zip(names, cameras, strict=True):
-            rgba = torch.from_numpy(render_view(camera, camera_object, Path(scratch))["rgba"]).permute(2, 0, 1) / 255.0
+            rgba = torch.from_numpy(render_view(camera, Path(scratch))["rgba"]).permute(2, 0, 1) / 255.0
             write_png(folder / name, torch.cat([linear_from_srgb(rgba[:3]), rgba[3:]]), srgb=True)
     save_arrays(folder / "mesh.npz", {"vertices": vertices, "faces": faces.astype(np.int32)})
     write_transforms(folder / "transforms.json", names, cameras)

@@ -18,6 +18,7 @@ from arm_blender.config import PRESETS, QUALITIES, Settings
 from arm_blender.errors import EmptyMeshError
 from arm_blender.files import check_output, whole_file, write_json
 from arm_blender.structures import TriangleMesh, ViewSet
+from arm_blender.uv.decimate import decimate
 from arm_blender.views.scene_frame import normalise
 
 from .contact_sheet import contact_sheet
@@ -129,7 +130,7 @@ def measure(item: EvaluationObject, settings: Settings, seed: int, sheets: Path 
 def reconstruct(views: ViewSet, settings: Settings) -> TriangleMesh:
     """The geometry stage as `generate` runs it: in the networks' box, then put back into the cameras' frame."""
     boxed, frame = normalise(views.to(settings.device))
-    mesh = pipeline.shape(boxed, settings)
+    mesh = decimate(pipeline.shape(boxed, settings), settings.resolved.faces)
     return TriangleMesh(frame.restore(mesh.vertices).cpu(), mesh.faces.cpu())
 
 

@@ -15,13 +15,12 @@ from typing import get_args
 import bpy
 import OpenImageIO as oiio
 import torch
-from mathutils import Matrix
 from torch import Tensor
 from torch.nn import functional as F
 
-from arm_blender.blender.compat import use_cycles
+from arm_blender.blender.compat import use_cycles, use_exr
 from arm_blender.blender.scene import build_object
-from arm_blender.blender.studio import environment_path, light_by_environment, temporary_scene
+from arm_blender.blender.studio import add_view_camera, environment_path, light_by_environment, temporary_scene
 from arm_blender.graphics.brdf import Form
 from arm_blender.graphics.cameras import Camera, look_at, orbit_camera, project, view_directions
 from arm_blender.graphics.color import srgb_from_linear
@@ -199,20 +198,12 @@ def by_cycles(subject: Subject, finish: MaterialMaps, sky: Path, camera: Camera,
         next(n for n in scene.world.node_tree.nodes if n.type == "TEX_ENVIRONMENT").interpolation = "Closest"
         use_cycles(scene, samples, denoise=False)
         scene.cycles.max_bounces, scene.cycles.pixel_filter_type = 0, "BOX"
-        lens = bpy.data.cameras.new("camera")
-        lens.angle = camera.fovy
-        eye = bpy.data.objects.new("camera", lens)
-        eye.matrix_world = Matrix(camera.c2w.tolist())
-        scene.collection.objects.link(eye)
-        scene.camera = eye
+        add_view_camera(scene, camera)
         render = scene.render
-        render.resolution_x, render.resolution_y, render.film_transparent = camera.width, camera.height, True
+        render.film_transparent = True
         render.use_compositing = render.use_sequencer = False
         scene.view_settings.view_transform = "Standard"
-        settings = render.image_settings
-        if hasattr(settings, "media_type"):
-            settings.media_type = "IMAGE"
-        settings.file_format, settings.color_depth, settings.color_mode = "OPEN_EXR", "32", "RGBA"
+        use_exr(scene)
         render.filepath = str(Path(folder) / "view.exr")
         bpy.ops.render.render(scene=scene.name, write_still=True)
         return read_linear(Path(render.filepath))

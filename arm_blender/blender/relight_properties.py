@@ -1,0 +1,90 @@
+"""What the user chooses for relighting, kept with the scene."""
+
+from pathlib import Path
+
+import bpy
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
+
+from .compat import RELATIVE_PATH
+
+FROM_FILE = "FILE"
+"""The choice of a file of the user's own."""
+
+_shown: list[tuple[str, str, str]] = []
+"""What the menus show now: Blender keeps no reference to the words that it is given."""
+
+
+def _environments(_settings: bpy.types.PropertyGroup, _context: bpy.types.Context | None) -> list[tuple[str, str, str]]:
+    folder = Path(bpy.utils.system_resource("DATAFILES")) / "studiolights" / "world"
+    names = sorted(path.stem for path in folder.glob("*.exr"))
+    shipped = [(name, name.capitalize(), "Comes with Blender") for name in names]
+    _shown[:] = [*shipped, (FROM_FILE, "File", "An environment map of your own")]
+    return _shown
+
+
+def _turned(settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    """The scene's own light follows at once, where it is of ours."""
+    import math
+
+    from .studio import turn_environment
+
+    if context.scene.world is not None:
+        turn_environment(context.scene.world, math.degrees(settings.rotation))
+
+
+class ARM_PG_relight(bpy.types.PropertyGroup):
+    """Environment, what turns, and how it is rendered."""
+
+    environment: EnumProperty(name="Environment", description="What lights the object", items=_environments)
+    environment_file: StringProperty(
+        name="File", description="An equirectangular .hdr or .exr", subtype="FILE_PATH", options=RELATIVE_PATH
+    )
+    compare: BoolProperty(name="Compare", description="Show a second environment beside the first", default=False)
+    second: EnumProperty(name="Second", description="What lights the object on the right", items=_environments)
+    second_file: StringProperty(
+        name="File", description="An equirectangular .hdr or .exr", subtype="FILE_PATH", options=RELATIVE_PATH
+    )
+    rotation: FloatProperty(
+        name="Rotation",
+        description="Of the environment about the vertical",
+        subtype="ANGLE",
+        default=0.0,
+        update=_turned,
+    )
+    turning: EnumProperty(
+        name="Turn",
+        description="What goes round in a sequence",
+        items=(
+            ("object", "Object", "A turntable under a light that stands still"),
+            ("environment", "Environment", "The light goes round an object that stands still"),
+        ),
+        default="object",
+    )
+    turntable: IntProperty(name="Pictures", description="In one full turn", default=24, min=2, max=3600)
+    video: BoolProperty(name="Video", description="Also write the sequence as an .mp4", default=False)
+    frames_per_second: IntProperty(name="Frame Rate", description="Pictures a second", default=24, min=1, max=240)
+    engine: EnumProperty(
+        name="Engine",
+        description="What renders",
+        items=(("cycles", "Cycles", "Physically based"), ("eevee", "Eevee", "Fast on a graphics device")),
+        default="cycles",
+    )
+    resolution: IntProperty(name="Resolution", description="Pixels a side", default=512, min=16, max=8192)
+    samples: IntProperty(name="Samples", description="Paths a pixel", default=32, min=1, max=65536)
+    output: StringProperty(
+        name="Output",
+        description="The folder of the pictures",
+        subtype="DIR_PATH",
+        default="//relight/",
+        options=RELATIVE_PATH,
+    )
+
+
+def register() -> None:
+    bpy.utils.register_class(ARM_PG_relight)
+    bpy.types.Scene.arm_relight = PointerProperty(type=ARM_PG_relight)
+
+
+def unregister() -> None:
+    del bpy.types.Scene.arm_relight
+    bpy.utils.unregister_class(ARM_PG_relight)

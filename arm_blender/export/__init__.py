@@ -1,0 +1,142 @@
+"""An asset on disk: the mesh in one format or several, the texture maps, report.json. No bpy in this package."""
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import ArmError, OutputError
+from ..files import check_output, staging
+from ..progress import Progress, silent
+from ..report import FILE_NAME, Report
+from ..structures import RelightableAsset
+from .gltf import write_glb
+from .obj import write_obj
+from .textures import FOLDER, write_textures
+from .usd import write_usd, write_usdz
+
+
+@dataclass(frozen=True)
+class Format:
+    """A way to write an asset.
+
+    Attributes:
+        suffix: of its file.
+        write: the asset to a path of that suffix; the textures lie in `FOLDER` beside it.
+        says: what it is, for a user.
+    """
+
+    suffix: str
+    write: Callable[[RelightableAsset, Path], None]
+    says: str
+
+
+FORMATS = {
+    "glb": Format(".glb", write_glb, "glTF 2.0, the maps inside"),
+    "usd": Format(".usda", write_usd, "USD, the maps beside it"),
+    "usdz": Format(".usdz", write_usdz, "USD, the maps inside"),
+    "obj": Format(".obj", write_obj, "Wavefront OBJ and MTL, the maps beside them"),
+}
+"""What an asset can be written as, by the name that a user gives."""
+
+DEFAULT = ("glb",)
+
+
+def formats_of(text: str) -> tuple[str, ...]:
+    """The formats in words separated by commas, each once.
+
+    Raises:
+        ArmError: one is unknown.
+    """
+    names = tuple(dict.fromkeys(word.strip() for word in text.split(",") if word.strip()))
+    for name in names:
+        if name not in FORMATS:
+            raise ArmError(f"--export {name}: unknown; choose of {', '.join(FORMATS)}")
+    return names
+
+
+def written_names(name: str, formats: Sequence[str]) -> list[str]:
+    """The files of an asset called `name`, relative to its folder: all that `write_asset` and Blender may write."""
+    suffixes = [".blend", *(FORMATS[chosen].suffix for chosen in formats), *([".mtl"] if "obj" in formats else [])]
+    textures = [f"{FOLDER}/{kind}.png" for kind in ("albedo", "roughness", "metallic", "baked", "normal")]
+    return [*(f"{name}{suffix}" for suffix in suffixes), *textures, "preview.png", FILE_NAME]
+
+
+def write_asset(
+    asset: RelightableAsset,
+    report: Report,
+    directory: Path,
+    progress: Progress = silent,
+    further: Callable[[Path], None] | None = None,
+    formats: Sequence[str] = DEFAULT,
+) -> list[Path]:
+    """Writes an asset as a whole: while anything is missing, `directory` has no report.json, or still the older asset.
+
+    Args:
+        asset: what to write.
+        report: is written last.
+        directory: is made where it is missing; files of the same names are replaced, others stay.
+        progress: is told each file.
+        formats: of `FORMATS`.
+        further: writes more files into the folder that it is given, under names that are not taken: the .blend.
+    Returns:
+        The files, report.json last.
+    Raises:
+        OutputError: something cannot be written.
+        Cancelled: by `progress`; nothing was changed.
+    """
+    check_output(directory)
+    with staging(directory) as stage:
+        with report.stage("files"):
+            _write_formats(asset, stage, formats, progress)
+        if further is not None:
+            further(stage)
+        progress(1.0, "writing report.json")
+        report.write(stage / FILE_NAME)
+        return _move_into(directory, stage)
+
+
+def write_files(asset: RelightableAsset, directory: Path, formats: Sequence[str]) -> list[Path]:
+    """Writes an asset in `formats` with its textures, and no report: all of the files or none.
+
+    Raises:
+        OutputError: something cannot be written.
+    """
+    check_output(directory)
+    with staging(directory) as stage:
+        _write_formats(asset, stage, formats, silent)
+        return _move_into(directory, stage)
+
+
+def is_whole(directory: Path) -> bool:
+    """Whether `directory` holds an asset that was written to its end."""
+    return (directory / FILE_NAME).is_file()
+
+
+def _write_formats(asset: RelightableAsset, stage: Path, formats: Sequence[str], progress: Progress) -> None:
+    progress(0.0, "writing textures")
+    write_textures(asset.maps, stage / FOLDER)
+    for name in formats:
+        path = stage / f"{asset.name}{FORMATS[name].suffix}"
+        progress(0.5, f"writing {path.name}")
+        FORMATS[name].write(asset, path)
+
+
+def _move_into(directory: Path, stage: Path) -> list[Path]:
+    """Moves the files of `stage` to their places; the older report.json goes first and the new one comes last.
+
+    Raises:
+        OutputError: something else is where a file or a folder has to be; nothing was moved.
+    """
+    files = sorted(path.relative_to(stage) for path in stage.rglob("*") if path.is_file())
+    files.sort(key=lambda path: path == Path(FILE_NAME))
+    for target in (directory / path for path in files):
+        if target.is_dir():
+            raise OutputError(f"{target}: is a folder where a file has to be; move it away or change --output")
+        if target.parent.exists() and not target.parent.is_dir():
+            raise OutputError(f"{target.parent}: is a file where a folder has to be; move it away or change --output")
+    (directory / FILE_NAME).unlink(missing_ok=True)
+    for path in files:
+        (directory / path).parent.mkdir(exist_ok=True)
+        os.replace(stage / path, directory / path)
+    return [directory / path for path in files]
