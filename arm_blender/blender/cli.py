@@ -1,6 +1,11 @@
 """`blender --command arm ...`: the words of `python -m arm_blender`, inside Blender."""
 
+import sys
+
 import bpy
+
+from ..errors import ArmError
+from .runtime import activate
 
 COMMAND = "arm"
 
@@ -11,6 +16,11 @@ def run(argv: list[str]) -> int:
     """Answer the command; the result is the exit status of Blender."""
     from ..__main__ import main
 
+    try:
+        activate()  # What is missing then, `doctor` says.
+    except ArmError as error:
+        print(f"arm: {error}", file=sys.stderr)
+        return 1
     return main(argv)
 
 

@@ -28,6 +28,8 @@ class GenerationRequest:
     faces: int | None = None
     """Triangles at most; None leaves it to the quality."""
     seed: int = 0
+    device: str = "auto"
+    """"cpu", "cuda" or "mps"; "auto" is CUDA where PyTorch finds it, else the CPU."""
     threads: int | None = None
     """None leaves it to torch."""
 
@@ -44,18 +46,24 @@ def generate(request: GenerationRequest, progress: Progress) -> tuple[Relightabl
     """
     progress(0.0, "Starting")
     # Importing torch takes seconds: here it does so on the worker thread, while Blender stays usable.
+    import torch
+
     from .. import pipeline
     from ..config import Settings
     from ..progress import part
     from ..report import Report
     from ..views import load_views
 
+    device = request.device
+    if device == "auto":
+        device = "cuda" if torch.cuda.is_available() else "cpu"
     settings = Settings(
         preset=request.preset,
         quality=request.quality,
         texture_size=request.texture_size,
         faces=request.faces,
         seed=request.seed,
+        device=device,
         threads=request.threads,
     )
     report = Report(settings.preset, settings.device, settings.seed)

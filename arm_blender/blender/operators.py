@@ -1,17 +1,16 @@
 """Start and stop a generation. Thin wrappers: the work is in `generation`, the thread in `job`."""
 
 import logging
-import os
 from functools import partial
 from pathlib import Path
 
 import bpy
 from bpy.props import StringProperty
 
-from ..errors import Cancelled
+from ..errors import ArmError, Cancelled
+from . import runtime
 from .generation import GenerationRequest, generate
 from .job import Job
-from .preferences import preferences
 
 logger = logging.getLogger(__name__)
 
@@ -97,6 +96,11 @@ class ARM_OT_generate(bpy.types.Operator):
         if not views:
             self.report({"ERROR"}, "Choose an image or a folder of views first")
             return False
+        try:
+            runtime.prepare()
+        except ArmError as error:
+            self.report({"ERROR"}, str(error))
+            return False
         self._request = _request_from(context, Path(bpy.path.abspath(views)))
         self._job = Job(partial(generate, self._request))
         return True
@@ -172,8 +176,6 @@ def redraw_views(context: bpy.types.Context) -> None:
 
 def _request_from(context: bpy.types.Context, views: Path) -> GenerationRequest:
     settings = context.scene.arm
-    chosen = preferences()
-    threads = (chosen.threads if chosen is not None else 0) or max(1, (os.cpu_count() or 2) - 1)
     return GenerationRequest(
         views=views,
         preset=settings.preset,
@@ -181,7 +183,8 @@ def _request_from(context: bpy.types.Context, views: Path) -> GenerationRequest:
         texture_size=None if settings.texture_size == "AUTO" else int(settings.texture_size),
         faces=settings.faces or None,
         seed=settings.seed,
-        threads=threads,
+        device=runtime.device(),
+        threads=runtime.threads(),
     )
 
 

@@ -3,6 +3,8 @@
 import bpy
 
 from .operators import is_running
+from .preferences import BASE_PACKAGE
+from .runtime import problem
 
 
 class ARM_PT_generate(bpy.types.Panel):
@@ -17,6 +19,10 @@ class ARM_PT_generate(bpy.types.Panel):
         layout = self.layout
         settings = context.scene.arm
         running = is_running()
+        missing = problem()
+        if missing:
+            layout.label(text=missing, icon="ERROR")
+            layout.operator("preferences.addon_show", text="Open the Preferences").module = BASE_PACKAGE
         options = layout.column()
         options.enabled = not running
         options.use_property_split = True
