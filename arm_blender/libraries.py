@@ -34,11 +34,11 @@ def missing(packages: dict[str, str]) -> list[str]:
 
 def is_there(module: str) -> bool:
     """A module is imported, or would be found."""
-    if module in sys.modules:
+    if sys.modules.get(module) is not None:
         return True
     try:
         return importlib.util.find_spec(module) is not None
-    except (ImportError, ValueError):  # Something half-removed is in its place.
+    except (ImportError, ValueError):  # Something half-removed, or None, is in its place.
         return False
 
 
