@@ -44,7 +44,7 @@ extension: $(READY)
 		$(if $(TORCH_INDEX),--torch-index $(TORCH_INDEX))
 
 test-blender: extension
-	$(BIN)/python tools/test_blender.py --views $(EXAMPLE) $(if $(PYTHON_313),--python-313 $(PYTHON_313)) \
+	$(BIN)/python tools/blender_matrix.py --views $(EXAMPLE) $(if $(PYTHON_313),--python-313 $(PYTHON_313)) \
 		$(if $(TORCH_313),--torch-313 $(TORCH_313))
 
 clean:

@@ -59,8 +59,9 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     targets = [Target(platform, python) for platform in args.platform for python in args.python]
     try:
-        shutil.rmtree(args.output, ignore_errors=True)  # The index lists whatever lies there.
-        args.output.mkdir(parents=True)
+        args.output.mkdir(parents=True, exist_ok=True)
+        for old in args.output.glob("arm_blender-*.zip"):  # The index would list it.
+            old.unlink()
         for target in targets:
             with tempfile.TemporaryDirectory(prefix="arm-extension-") as folder:
                 wheels, torch = collect(target, Path(folder, "wheels"), args.torch_index, not args.without_torch)

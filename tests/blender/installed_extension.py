@@ -1,7 +1,7 @@
 """The life of the extension from its zip, in a Python of its own with Blender as a module and nothing else of ours.
 
 `python installed_extension.py ZIP VIEWS OUTPUT [--torch bundled|none|FOLDER] [--leave-enabled]`, with a fresh folder
-as BLENDER_USER_RESOURCES. `tools/test_blender.py` runs it for every supported Blender; a failed step ends in its
+as BLENDER_USER_RESOURCES. `tools/blender_matrix.py` runs it for every supported Blender; a failed step ends in its
 traceback.
 """
 
