@@ -1,10 +1,15 @@
 """The "ARM" tab of the 3D view's sidebar."""
 
+import textwrap
+
 import bpy
 
 from .operators import is_running
 from .preferences import BASE_PACKAGE
 from .runtime import problem
+
+_LINE = 36
+"""Characters that fit into the sidebar as wide as Blender opens it."""
 
 
 class ARM_PT_generate(bpy.types.Panel):
@@ -21,7 +26,9 @@ class ARM_PT_generate(bpy.types.Panel):
         running = is_running()
         missing = problem()
         if missing:
-            layout.label(text=missing, icon="ERROR")
+            notice = layout.column(align=True)
+            for index, line in enumerate(textwrap.wrap(missing, _LINE)):  # Blender cuts what is too long.
+                notice.label(text=line, icon="BLANK1" if index else "ERROR")
             layout.operator("preferences.addon_show", text="Open the Preferences").module = BASE_PACKAGE
         options = layout.column()
         options.enabled = not running
