@@ -1,9 +1,8 @@
 """The "ARM" tab of the 3D view's sidebar."""
 
-import textwrap
-
 import bpy
 
+from .notice import draw_notice
 from .operators import is_running
 from .preferences import BASE_PACKAGE
 from .runtime import problem
@@ -26,9 +25,7 @@ class ARM_PT_generate(bpy.types.Panel):
         running = is_running()
         missing = problem()
         if missing:
-            notice = layout.column(align=True)
-            for index, line in enumerate(textwrap.wrap(missing, _LINE)):  # Blender cuts what is too long.
-                notice.label(text=line, icon="BLANK1" if index else "ERROR")
+            draw_notice(layout, missing, _LINE)
             layout.operator("preferences.addon_show", text="Open the Preferences").module = BASE_PACKAGE
         options = layout.column()
         options.enabled = not running

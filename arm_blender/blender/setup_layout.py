@@ -5,8 +5,12 @@ import bpy
 from .. import libraries
 from ..library_install import lock_of
 from . import background, runtime
+from .notice import draw_notice
 from .preferences import ARM_preferences, user_folder
 from .setup_operators import NO_LIST, OFFLINE, weights
+
+_LINE = 64
+"""Characters that fit into the preferences as wide as Blender opens them."""
 
 _ICONS = {"whole": "CHECKMARK", "damaged": "ERROR", "not installed": "REMOVE"}
 
@@ -15,6 +19,7 @@ def draw_setup(layout: bpy.types.UILayout, chosen: ARM_preferences) -> None:
     """Fill the preferences of the add-on."""
     layout.use_property_split = True
     layout.use_property_decorate = False
+    _draw_work(layout)  # On top, where it is seen whichever button was pressed.
     layout.prop(chosen, "device")
     layout.prop(chosen, "threads")
     _draw_torch(layout.box(), chosen)
@@ -25,7 +30,6 @@ def draw_setup(layout: bpy.types.UILayout, chosen: ARM_preferences) -> None:
         if not getattr(chosen, f"{kind}_folder"):
             folders.label(text=str(user_folder(kind)), icon="BLANK1")
     _draw_weights(layout.box())
-    _draw_work(layout)
 
 
 def _draw_torch(box: bpy.types.UILayout, chosen: ARM_preferences) -> None:
@@ -34,9 +38,10 @@ def _draw_torch(box: bpy.types.UILayout, chosen: ARM_preferences) -> None:
         box.prop(chosen, "pytorch_folder")
     problem = runtime.problem()
     if problem == runtime.NO_TORCH:
-        box.label(text="PyTorch is missing: install the extension's zip that holds it, name a folder, or", icon="ERROR")
+        text = "PyTorch is missing: install the extension's zip that holds it, or name a folder with it"
+        draw_notice(box, f"{text}{'' if lock_of(runtime.TORCH) is None else ', or press the button'}", _LINE)
     elif problem:
-        box.label(text=problem, icon="ERROR")
+        draw_notice(box, problem, _LINE)
     elif runtime.needs_restart():
         box.label(text="Restart Blender to use the chosen PyTorch", icon="INFO")
     else:
@@ -60,7 +65,7 @@ def _draw_install(box: bpy.types.UILayout, extra: str, text: str) -> None:
     if runtime.installed(extra) is not None:
         box.operator("arm.remove_libraries", text="Remove What Was Installed", icon="TRASH").extra = extra
     elif lock_of(extra) is None:
-        box.label(text=NO_LIST, icon="INFO")
+        draw_notice(box, NO_LIST, _LINE, icon="INFO")
     else:
         box.operator("arm.install_libraries", text=text, icon="IMPORT").extra = extra
         if not bpy.app.online_access:
@@ -75,7 +80,7 @@ def _draw_weights(box: bpy.types.UILayout) -> None:
         line = box.column(align=True)
         line.label(text=f"{entry.name}: {entry.condition}; {entry.licence}", icon=_ICONS[entry.condition])
         line.label(text=entry.enables, icon="BLANK1")
-        line.label(text=entry.path if entry.condition == "whole" else entry.remedy, icon="BLANK1")
+        draw_notice(line, entry.path if entry.condition == "whole" else entry.remedy, _LINE, icon="BLANK1")
 
 
 def _draw_work(layout: bpy.types.UILayout) -> None:
@@ -86,4 +91,4 @@ def _draw_work(layout: bpy.types.UILayout) -> None:
         row.progress(factor=running[0], text=running[1])
         row.operator("arm.cancel_setup", text="", icon="X")
     elif background.error():
-        layout.label(text=background.error(), icon="ERROR")
+        draw_notice(layout, background.error(), _LINE)

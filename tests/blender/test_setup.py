@@ -66,7 +66,7 @@ class Layout:
     """Plays a layout of Blender: keeps what is shown, and looks up what it is asked to show."""
 
     def __init__(self):
-        self.texts, self.operators, self.properties, self.fractions = [], [], [], []
+        self.lines, self.operators, self.properties, self.fractions = [], [], [], []
 
     def box(self):
         return self
@@ -78,7 +78,12 @@ class Layout:
 
     def label(self, text, icon="NONE"):
         assert icon in bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items
-        self.texts.append(text)
+        self.lines.append(text)
+
+    @property
+    def texts(self):
+        """All that is shown, whatever lines it stands in."""
+        return " ".join(self.lines)
 
     def prop(self, owner, name):
         assert name in owner.bl_rna.properties
@@ -102,7 +107,7 @@ def drawn(chosen) -> Layout:
 
 def test_without_pytorch_the_extension_says_what_to_do(chosen, monkeypatch, tmp_path):
     without(monkeypatch, "torch")
-    assert any("PyTorch is missing" in text for text in drawn(chosen).texts)
+    assert "PyTorch is missing" in drawn(chosen).texts
     for operator in (lambda: bpy.ops.arm.generate(filepath=str(tmp_path)), bpy.ops.arm.list_weights):
         with pytest.raises(RuntimeError, match="PyTorch is missing; Edit > Preferences > Add-ons"):
             operator()
@@ -114,7 +119,7 @@ def test_the_panel_offers_the_preferences_only_where_something_is_missing(chosen
         panel = types.SimpleNamespace(layout=Layout())
         panels.ARM_PT_generate.draw(panel, bpy.context)
         assert ("preferences.addon_show" in panel.layout.operators) == bool(absent)
-        assert ("PyTorch is missing" in " ".join(panel.layout.texts)) == bool(absent)
+        assert ("PyTorch is missing" in panel.layout.texts) == bool(absent)
 
 
 def test_other_libraries_that_are_missing_are_named(chosen, monkeypatch):
@@ -135,7 +140,7 @@ def test_a_folder_that_holds_pytorch_takes_the_place_of_the_bundled_one(chosen, 
 
 def test_a_folder_without_pytorch_is_refused_where_it_is_named_and_where_it_is_used(chosen, tmp_path):
     chosen.pytorch_source, chosen.pytorch_folder = "FOLDER", str(tmp_path)
-    assert any("has no torch" in text for text in drawn(chosen).texts)
+    assert "has no torch" in drawn(chosen).texts
     with pytest.raises(RuntimeError, match="has no torch; name the folder"):
         bpy.ops.arm.generate(filepath=str(tmp_path))
 
@@ -195,7 +200,7 @@ def test_a_failed_installation_is_said_and_changes_nothing(chosen, online, lock,
     with pytest.raises(RuntimeError, match="No space left on device"):
         bpy.ops.arm.install_libraries(extra=runtime.TORCH)
     assert chosen.pytorch_source == "BUNDLED"
-    assert any("No space left" in text for text in drawn(chosen).texts)
+    assert "No space left" in drawn(chosen).texts
 
 
 def test_without_a_list_for_the_platform_a_folder_is_the_remedy(chosen, online, monkeypatch):
@@ -214,7 +219,7 @@ def test_the_list_shows_all_weights_with_licence_and_condition(chosen):
     assert rows["small.georm"].condition == "whole" and rows["instantmesh.georm"].condition == "not installed"
     shown = drawn(chosen).texts
     assert "instantmesh.georm: not installed; CC-BY-NC-4.0" in shown
-    assert rows["instantmesh.georm"].remedy in shown and rows["small.georm"].path in shown
+    assert rows["instantmesh.georm"].remedy in shown and rows["small.georm"].path in shown.replace(" ", "")
 
 
 def test_a_file_that_cannot_be_imported_is_named(chosen, tmp_path):
