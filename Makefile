@@ -1,7 +1,10 @@
 # make          the environment: .venv with everything pinned; a second run installs nothing
 # make demo     six views of an object -> out/demo/
 # make test     the tests; make lint; make bench
+# make extension     the extension's zips with their libraries, and a repository's index -> out/extension/
+# make test-blender  those zips in every supported Blender: install, generate, relight, export, uninstall
 # PYTHON=...    the Python 3.11 to make .venv with; EXAMPLE=... the views of the demo
+# PLATFORMS=... TORCH_INDEX=...  of `make extension`; PYTHON_313=... TORCH_313=...  of `make test-blender`
 
 PYTHON ?= python3.11
 EXAMPLE ?= $(patsubst %/,%,$(firstword $(dir $(wildcard examples/*/transforms.json))))
@@ -9,7 +12,7 @@ EXAMPLE ?= $(patsubst %/,%,$(firstword $(dir $(wildcard examples/*/transforms.js
 BIN := .venv/bin
 READY := .venv/.installed
 
-.PHONY: all demo test lint bench clean
+.PHONY: all demo test lint bench extension test-blender clean
 
 all: $(READY)
 
@@ -35,6 +38,14 @@ lint: $(READY)
 bench: $(READY)
 	$(BIN)/python -m benchmarks
 	$(BIN)/python -m benchmarks.bench_generate
+
+extension: $(READY)
+	$(BIN)/python tools/build_extension.py $(if $(PLATFORMS),--platform $(PLATFORMS)) \
+		$(if $(TORCH_INDEX),--torch-index $(TORCH_INDEX))
+
+test-blender: extension
+	$(BIN)/python tools/blender_matrix.py --views $(EXAMPLE) $(if $(PYTHON_313),--python-313 $(PYTHON_313)) \
+		$(if $(TORCH_313),--torch-313 $(TORCH_313))
 
 clean:
 	rm -rf out .pytest_cache .ruff_cache

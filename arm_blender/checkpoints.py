@@ -18,6 +18,7 @@ from torch import Tensor, nn
 from .config_json import config_from_dict
 from .errors import CheckpointError
 from .files import whole_file
+from .weights_folder import FOLDER, folder_of
 from .weights_registry import REGISTRY, Weights
 
 Config = TypeVar("Config")
@@ -25,10 +26,8 @@ Config = TypeVar("Config")
 FORMAT = "arm_blender/1"
 """Stands in every file; a file without it was written by another program."""
 
-FOLDER = Path(__file__).parent / "weights"
-"""Where shipped weights lie, next to `SHA256SUMS`."""
-
 SUMS = "SHA256SUMS"
+"""Lies beside the weights."""
 
 SUFFIX = ".safetensors"
 """Of the files that this module writes; others that it records are opaque to it."""
@@ -155,16 +154,18 @@ def registered(name: str) -> Weights:
     raise CheckpointError(f"{name}: no such weights; `python -m arm_blender weights list` names them")
 
 
-def shipped(name: str, folder: Path = FOLDER) -> Path:
+def shipped(name: str, folder: Path | None = None) -> Path:
     """The file of registered weights: "small.georm" -> .../small.georm.safetensors. It need not exist.
 
+    Args:
+        folder: None for the one that `weights_folder` names.
     Raises:
         CheckpointError: no such name is registered.
     """
-    return folder / registered(name).file_name
+    return (folder or folder_of(name)) / registered(name).file_name
 
 
-def verify(name: str, folder: Path = FOLDER) -> str:
+def verify(name: str, folder: Path | None = None) -> str:
     """Check a file against its recorded hash; returns its SHA-256.
 
     Raises:
@@ -175,14 +176,14 @@ def verify(name: str, folder: Path = FOLDER) -> str:
         read_header(path)
     elif not path.is_file():
         raise CheckpointError(f"{path}: no such weights; {_remedy(path)}")
-    found, recorded = sha256(path), recorded_sums(folder).get(path.name)
+    found, recorded = sha256(path), recorded_sums(path.parent).get(path.name)
     if found != recorded:
         what = "differs from" if recorded else "is not in"
         raise CheckpointError(f"{path}: {what} {SUMS}; install the file again, or record it on purpose")
     return found
 
 
-def condition(name: str, folder: Path = FOLDER) -> Literal["whole", "damaged", "not installed"]:
+def condition(name: str, folder: Path | None = None) -> Literal["whole", "damaged", "not installed"]:
     """How registered weights lie in a folder; whole is what `verify` accepts."""
     if not shipped(name, folder).is_file():
         return "not installed"

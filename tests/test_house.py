@@ -22,6 +22,9 @@ LAYERS = [  # A module imports from its own layer and from earlier ones.
         "weights_registry",
         "progress",
         "quiet",
+        "libraries",
+        "library_install",
+        "weights_folder",
         "threads",
         "memory",
         "precision",
@@ -152,6 +155,7 @@ def test_no_path_of_one_machine_is_written_down(module):
 
 
 LIGHT = ["arm_blender", "arm_blender.errors", "arm_blender.__main__", "training.__main__"]
+LIGHT += ["arm_blender.library_install", "arm_blender.weights_folder"]  # Blender's preferences use them.
 LIGHT += ["arm_blender.commands.progress_line"]  # Shown before the seconds of importing torch are counted.
 
 

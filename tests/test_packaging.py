@@ -4,8 +4,7 @@ import fnmatch
 import tomllib
 from pathlib import Path
 
-from arm_blender import checkpoints
-from arm_blender.commands import doctor
+from arm_blender import checkpoints, libraries
 from arm_blender.version import VERSION
 
 ROOT = Path(__file__).parents[1]
@@ -31,10 +30,10 @@ def test_every_dependency_is_pinned():
     assert {entry.partition(">=")[0].lower() for entry in declared} == set(pins)
 
 
-def test_the_doctor_asks_for_every_dependency():
+def test_the_libraries_looked_for_are_the_dependencies():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert {entry.partition(">=")[0].lower() for entry in project["dependencies"]} == {
-        package.lower() for package in doctor._REQUIRED
+        package.lower() for package in libraries.REQUIRED
     }
 
 

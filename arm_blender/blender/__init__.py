@@ -7,23 +7,31 @@ Blender may be called from its main thread only; `job`, `generation` and `lookin
 elsewhere.
 """
 
+_registered = False
+
 
 def register() -> None:
     """Add the extension to Blender."""
+    global _registered
     import atexit
 
     from .compat import IS_MODULE
 
     for module in _modules():
         module.register()
+    _registered = True
     if IS_MODULE:  # As a Python module, 4.2 and 4.5 crash or hang at exit while classes are registered.
         atexit.register(unregister)
 
 
 def unregister() -> None:
-    """Take the extension out of Blender."""
+    """Take the extension out of Blender; nothing where it is not in."""
+    global _registered
     import atexit
 
+    if not _registered:  # At exit Blender disables what is enabled, after `atexit` has been here.
+        return
+    _registered = False
     atexit.unregister(unregister)
     for module in reversed(_modules()):
         module.unregister()
@@ -41,9 +49,11 @@ def _modules() -> tuple:
         relight_operators,
         relight_panel,
         relight_properties,
+        runtime,
+        setup_operators,
         view_switch,
     )
 
-    making = (properties, view_switch, preferences, operators, input_operators, panels)
+    making = (properties, view_switch, preferences, runtime, setup_operators, operators, input_operators, panels)
     relighting = (relight_properties, relight_operators, export_operator, relight_panel)
     return (*making, *relighting, cli)

@@ -4,6 +4,9 @@ import sys
 
 import bpy
 
+from ..errors import ArmError
+from .runtime import activate
+
 COMMAND = "arm"
 
 OFFLINE = (
@@ -22,6 +25,11 @@ def run(argv: list[str]) -> int:
     words = [word for word in argv if not word.startswith("-")]
     if words[:2] == ["weights", "download"] and not bpy.app.online_access:
         print(f"arm: {OFFLINE}", file=sys.stderr)
+        return 1
+    try:
+        activate()  # What is missing then, `doctor` says.
+    except ArmError as error:
+        print(f"arm: {error}", file=sys.stderr)
         return 1
     with interrupts.listening():  # Blender's own way of stopping would leave files half-written.
         return main(argv)

@@ -1,6 +1,8 @@
 """What differs between Blender 4.2 and 5.2, and between builds, in one place."""
 
 import logging
+import sys
+from pathlib import Path
 
 import bpy
 
@@ -20,6 +22,16 @@ RELATIVE_PATH = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (5, 0, 0)
 
 # Both leave base colours as they are below the highlights; AgX, the default, changes them.
 NEUTRAL_VIEW_TRANSFORMS = ("Khronos PBR Neutral", "Standard")
+
+
+def find_bundled_libraries() -> None:
+    """Have Python find what Blender brings, such as OpenImageIO: as a module it hides that from the Python it is in."""
+    if not IS_MODULE:
+        return
+    place = Path(bpy.utils.resource_path("LOCAL"), "python", "lib")
+    site = place / f"python{sys.version_info.major}.{sys.version_info.minor}" / "site-packages"
+    if site.is_dir() and str(site) not in sys.path:
+        sys.path.append(str(site))  # Last: that Python's own numpy stays the one.
 
 
 def shader_tree(owner: bpy.types.Material | bpy.types.World) -> bpy.types.ShaderNodeTree:

@@ -90,7 +90,8 @@ class GenerationRequest:
     faces: int | None = None
     """Triangles at most; None leaves it to the quality."""
     seed: int = 0
-    device: str = "cpu"
+    device: str = "auto"
+    """"cpu", "cuda" or "mps"; "auto" is CUDA where PyTorch finds it, else the CPU."""
     threads: int | None = None
     """None leaves it to torch."""
 
@@ -130,7 +131,8 @@ def generate(request: GenerationRequest, progress: Progress) -> Generated:
         ArmError: as the stages; `Cancelled` from `progress`.
     """
     # Importing torch takes seconds: here it does so on the worker thread, while Blender stays usable.
-    report = run.begin(request.preset, request.device, request.seed, progress)
+    device = _device(request)
+    report = run.begin(request.preset, device, request.seed, progress)
     from ..config import Settings
     from ..views.scene_frame import IDENTITY
 
@@ -140,7 +142,7 @@ def generate(request: GenerationRequest, progress: Progress) -> Generated:
         texture_size=request.texture_size,
         faces=request.faces,
         seed=request.seed,
-        device=request.device,
+        device=device,
         threads=request.threads,
     )
     frames = [IDENTITY]
@@ -174,9 +176,20 @@ def draw_views(request: GenerationRequest, model: Path, folder: Path, steps: int
     from ..views.zero123plus.provider import Zero123Plus
     from ..views.zero123plus.sampling import Zero123PlusConfig
 
-    drawing = Zero123PlusConfig(model, folder, steps, seed=request.seed, device=request.device, threads=request.threads)
+    drawing = Zero123PlusConfig(
+        model, folder, steps, seed=request.seed, device=_device(request), threads=request.threads
+    )
     Zero123Plus(drawing, request.rig_distance, request.fovy_deg).views(request.views, progress)
     return folder
+
+
+def _device(request: GenerationRequest) -> str:
+    """What "auto" stands for on this machine."""
+    if request.device != "auto":
+        return request.device
+    import torch
+
+    return "cuda" if torch.cuda.is_available() else "cpu"
 
 
 def view_options(request: GenerationRequest) -> ViewOptions:

@@ -10,7 +10,7 @@ from bpy.props import StringProperty
 
 from ..errors import ArmError, Cancelled
 from ..progress import Progress
-from . import request
+from . import request, runtime
 from .generation import Generated, GenerationRequest, generate
 from .job import Job
 from .remaining import Remaining, clock
@@ -89,6 +89,7 @@ class Run:
     def _prepare(self, context: bpy.types.Context) -> bool:
         context.window_manager.arm.error = ""
         try:
+            runtime.prepare()
             wanted = self._wanted(context)
         except ArmError as error:
             self._fail(context, str(error))

@@ -1,13 +1,13 @@
 """The "ARM" tab of the 3D view's sidebar."""
 
-import textwrap
-
 import bpy
 
 from ..errors import ArmError
 from ..quality_levels import PRESET, measured_levels
-from . import request, view_list
+from . import request, runtime, view_list
+from .notice import draw_notice
 from .operators import is_running
+from .preferences import BASE_PACKAGE
 
 _CHARACTER = 7.0
 """Pixels of a character of Blender's own font, about, at a scale of 1."""
@@ -26,6 +26,10 @@ class ARM_PT_generate(_InSidebar, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         settings, state = context.scene.arm, context.window_manager.arm
+        missing = runtime.problem()
+        if missing:
+            _draw_error(self.layout, context, missing)
+            self.layout.operator("preferences.addon_show", text="Open the Preferences").module = BASE_PACKAGE
         options = self.layout.column()
         options.enabled = not is_running()
         options.use_property_split = True
@@ -195,10 +199,9 @@ def _draw_error(layout: bpy.types.UILayout, context: bpy.types.Context, message:
         return
     scale = context.preferences.system.ui_scale
     width = max(20, int(context.region.width / (_CHARACTER * scale)) - 6)
-    box = layout.box().column(align=True)
+    box = layout.box()
     box.alert = True
-    for index, line in enumerate(textwrap.wrap(message, width)):
-        box.label(text=line, icon="ERROR" if index == 0 else "BLANK1")
+    draw_notice(box, message, width)
 
 
 classes = (ARM_PT_generate, ARM_PT_result)

@@ -1,7 +1,6 @@
 """From the panel's settings, or from those that a result was made with, to a request."""
 
 import json
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,8 +8,8 @@ from typing import Any
 import bpy
 
 from ..errors import ArmError
+from . import runtime
 from .generation import PLAIN, CameraPicture, GenerationRequest
-from .preferences import preferences
 
 
 def from_panel(context: bpy.types.Context, filepath: str = "") -> GenerationRequest:
@@ -130,5 +129,4 @@ def _cameras(context: bpy.types.Context, names: list[str] | None) -> tuple[Camer
 
 def _machine() -> dict[str, Any]:
     """The fields of a request that are this machine's, and not kept with a result."""
-    chosen = preferences()
-    return {"threads": (chosen.threads if chosen is not None else 0) or max(1, (os.cpu_count() or 2) - 1)}
+    return {"device": runtime.device(), "threads": runtime.threads()}

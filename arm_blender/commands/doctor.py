@@ -6,18 +6,9 @@ import importlib.metadata
 import os
 import platform
 
+from ..libraries import REQUIRED
 from ..version import VERSION
 
-_REQUIRED = {
-    "torch": "torch",
-    "numpy": "numpy",
-    "OpenImageIO": "OpenImageIO",
-    "xatlas": "xatlas",
-    "trimesh": "trimesh",
-    "fast-simplification": "fast_simplification",
-    "safetensors": "safetensors",
-    "pillow": "PIL",
-}
 _OPTIONAL = {
     "bpy": ("bpy", "only for .blend files and relighting"),
     "diffusers": ("diffusers", "only for --multiview zero123plus"),
@@ -35,7 +26,7 @@ def run(args: argparse.Namespace) -> int:
     print(f"{'arm_blender':<20} {VERSION}")
     print(f"{'python':<20} {platform.python_version()} on {platform.platform()}, {os.cpu_count()} CPU cores")
     missing = 0
-    for package, module in _REQUIRED.items():
+    for package, module in REQUIRED.items():
         starts, state = _state(package, module)
         missing += not starts
         print(f"{package:<20} {state}")

@@ -1,5 +1,6 @@
 """The extension's zip: valid, complete, free of everything else, and at work once it is installed."""
 
+import json
 import os
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 import arm_blender
+from arm_blender import library_install
 
 bpy = pytest.importorskip("bpy")
 from arm_blender.blender import cli  # noqa: E402
@@ -18,6 +20,7 @@ from arm_blender.blender import cli  # noqa: E402
 pytestmark = pytest.mark.blender
 
 ROOT = Path(arm_blender.__file__).parents[1]
+LIBRARY = "arm_test_library"
 MANIFEST = ROOT / "blender_manifest.toml"
 
 
@@ -28,15 +31,43 @@ def test_the_manifest_keeps_the_rules_of_the_extensions_site():
     assert all(len(why) <= 64 and not why.endswith(".") for why in manifest["permissions"].values())
 
 
+def wheel(folder: Path) -> Path:
+    """The wheel of a library that Blender has not got."""
+    made = folder / f"{LIBRARY}-1.0-py3-none-any.whl"
+    with zipfile.ZipFile(made, "w") as archive:
+        archive.writestr(f"{LIBRARY}/__init__.py", "")
+        archive.writestr(f"{LIBRARY}-1.0.dist-info/METADATA", f"Metadata-Version: 2.1\nName: {LIBRARY}\nVersion: 1.0\n")
+        archive.writestr(f"{LIBRARY}-1.0.dist-info/RECORD", f"{LIBRARY}/__init__.py,,\n")
+    return made
+
+
 @pytest.fixture(scope="module")
-def package(tmp_path_factory) -> Path:
-    """The extension's zip, built by Blender's own tool from the repository as it stands."""
-    tool = Path(bpy.utils.resource_path("LOCAL"), "scripts", "addons_core", "bl_pkg", "cli", "blender_ext.py")
-    out = tmp_path_factory.mktemp("package")
-    for arguments in (["validate", str(ROOT)], ["build", "--source-dir", str(ROOT), "--output-dir", str(out)]):
-        done = subprocess.run([sys.executable, str(tool), *arguments], capture_output=True, text=True)
-        assert done.returncode == 0, done.stdout + done.stderr
-    return next(out.glob("*.zip"))
+def repository(tmp_path_factory) -> Path:
+    """A folder with the zip for this platform and Python, one small wheel in it, and the index that serves it."""
+    folder, output = tmp_path_factory.mktemp("build"), tmp_path_factory.mktemp("repository")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(ROOT / "tools"))
+        import build_extension
+
+        target = build_extension.Target(
+            build_extension.this_platform(), f"{sys.version_info.major}.{sys.version_info.minor}"
+        )
+        build_extension.build(target, [wheel(folder)], folder / "sources", output)
+        build_extension.blender_tool("server-generate", "--repo-dir", str(output))
+        build_extension.blender_tool("validate", str(ROOT))
+    return output
+
+
+@pytest.fixture
+def package(repository) -> Path:
+    return next(repository.glob("*.zip"))
+
+
+def test_the_index_serves_the_zip_to_the_blenders_that_can_run_it(repository, package):
+    (entry,) = json.loads((repository / "index.json").read_text())["data"]
+    assert entry["archive_url"] == f"./{package.name}" and entry["archive_size"] == package.stat().st_size
+    assert (entry["id"], len(entry["platforms"])) == ("arm_blender", 1)
+    assert entry["blender_version_min"] == "4.2.0"
 
 
 def test_the_zip_holds_the_package_and_nothing_else(package):
@@ -45,9 +76,11 @@ def test_the_zip_holds_the_package_and_nothing_else(package):
     assert {n for n in names if not n.startswith("arm_blender/")} - {"LICENSE", "CREDITS.md"} == {
         "blender_manifest.toml",
         "__init__.py",
+        f"wheels/{LIBRARY}-1.0-py3-none-any.whl",
     }
     assert not [n for n in names if "__pycache__" in n or n.endswith((".pyc", ".part"))]
     weights = (ROOT / "arm_blender" / "weights").glob("small.*.safetensors")
+    assert {f"arm_blender/locks/{path.name}" for path in library_install.LOCKS.iterdir()} <= set(names)
     shipped = {f"arm_blender/weights/{path.name}" for path in weights}
     assert shipped <= set(names) and not [n for n in names if "weights/instantmesh" in n]
 
@@ -65,13 +98,21 @@ def test_the_command_downloads_only_where_blender_may_go_online(monkeypatch, cap
 def test_the_zip_installs_and_every_module_finds_the_others(package, tmp_path):
     source = f"""
 import importlib, pkgutil, sys
+from pathlib import Path
 import bpy
 bpy.ops.wm.read_factory_settings(use_empty=True)
+before = set(sys.modules)
 bpy.ops.extensions.package_install_files(filepath={str(package)!r}, repo="user_default", enable_on_install=True)
+heavy = set("torch numpy trimesh xatlas PIL OpenImageIO safetensors diffusers transformers".split())
+added = {{name.partition(".")[0] for name in set(sys.modules) - before}}
+assert not heavy & added, f"enabling imports {{heavy & added}}"
+import {LIBRARY}
 from bl_ext.user_default.arm_blender.arm_blender import blender
 preferences = importlib.import_module(blender.__name__ + ".preferences")
 assert preferences.preferences().threads == 0, "the preferences belong to the extension"
 assert bpy.context.scene.arm.seed == 0
+folder = importlib.import_module(blender.__name__ + ".preferences").user_folder("weights")
+assert folder.parts[-2:] == ("arm_blender", "weights") and ".user" in folder.parts, folder
 package = importlib.import_module(blender.__name__.rpartition(".")[0])
 for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
     if not module.name.endswith("__main__"):
@@ -79,6 +120,10 @@ for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
 assert not [name for name in sys.modules if name.split(".")[0] == "arm_blender"], "an import is not relative"
 bpy.ops.preferences.addon_disable(module="bl_ext.user_default.arm_blender")
 assert not hasattr(bpy.types.Scene, "arm")
+repositories = [repository.module for repository in bpy.context.preferences.extensions.repos]
+bpy.ops.extensions.package_uninstall(repo_index=repositories.index("user_default"), pkg_id="arm_blender")
+left = [Path({LIBRARY}.__file__), *Path({str(tmp_path)!r}).glob("extensions/user_default/arm_blender/*")]
+assert not [path for path in left if path.is_file()], left
 print("works")
 """
     environment = os.environ | {"BLENDER_USER_RESOURCES": str(tmp_path)}

@@ -32,6 +32,7 @@ from arm_blender.structures import ViewSet
 from arm_blender.uv.backproject import backproject, blend
 from arm_blender.uv.maps import diffuse_fill
 from arm_blender.uv.texels import texel_map
+from arm_blender.uv.decimate import decimate
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 
 EXPLANATION = """\
@@ -151,7 +152,7 @@ def _part_errors(network: nn.Module, parts: dict[str, str], run: Callable[[], ob
 
 def _atlas(views: ViewSet) -> tuple:
     """What InstantAlbedo takes: images, texels, what the views say of them, and their blend; on a small atlas."""
-    mesh, _ = unwrap(pipeline.shape(views, Settings(grid=48, faces=1500)), UnwrapConfig(texture_size=256))
+    mesh, _ = unwrap(decimate(pipeline.shape(views, Settings(grid=48)), 1500), UnwrapConfig(texture_size=256))
     texels = texel_map(mesh, 128)
     seen = backproject(mesh, texels, views)
     colors, weight = blend(seen, views.weights)
@@ -160,7 +161,7 @@ def _atlas(views: ViewSet) -> tuple:
 
 def graphics_errors(views: ViewSet) -> Iterator[tuple[str, Cells]]:
     """The parts without weights: on the shape that `small` finds in the views, a ball, and random directions."""
-    mesh, camera = pipeline.shape(views, Settings(grid=48, faces=1500)), views.cameras[0]
+    mesh, camera = decimate(pipeline.shape(views, Settings(grid=48)), 1500), views.cameras[0]
     fragments = rasterize(mesh.vertices, mesh.faces, camera)
 
     def positions(_: None, vertices: Tensor, c2w: Tensor, K: Tensor) -> Tensor:
