@@ -4,7 +4,7 @@ A network is built without memory (on the meta device) and takes over the tensor
 read: nothing is there twice. Large ones are not kept, so that a run's peak is its largest network, not their sum.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from torch import nn
 
 from . import checkpoints
 from .config import PRESETS, Settings
+from .interruptible import interruptible
 from .models.georm import GeoRM
 from .models.glossyrm import GlossyRM
 from .models.instant_albedo import InstantAlbedo, InstantAlbedoConfig
@@ -79,13 +80,17 @@ def load(name: str, settings: Settings) -> nn.Module:
 
 
 @contextmanager
-def running(module: nn.Module, settings: Settings, report: Report) -> Iterator[None]:
-    """The precision in which a network is run; the report says where it is not float32."""
+def running(module: nn.Module, settings: Settings, report: Report, check: Callable[[], None]) -> Iterator[None]:
+    """A network at work: in the precision that suits it, which the report names where it is not float32.
+
+    Args:
+        check: called before every block of the network; what it raises ends the pass there.
+    """
     dtype = chosen(settings.precision, settings.device, is_large(module))
     if dtype != torch.float32:
         why = f"{settings.device} multiplies bfloat16 faster; --precision float32 keeps it"
         report.leave_out(f"float32 in {type(module).__name__}", why if settings.precision == "auto" else "as asked for")
-    with running_in(dtype, settings.device):
+    with running_in(dtype, settings.device), interruptible((module,), check):
         yield
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from typing import Literal
 
 import torch
@@ -139,8 +140,9 @@ def _encoded(
     with lower_if_short(title, "give fewer views, or choose --preset small"):
         progress(0.0, f"{title}: loading")
         network = networks.load(name, settings)
-        progress(0.2, f"{title}: reading the views")
-        with networks.running(network, settings, report):
+        reading = partial(progress, 0.2, f"{title}: reading the views")
+        reading()
+        with networks.running(network, settings, report, reading):
             encoded = network.encode(network_views(views, network.config)).float()
     _require_numbers(encoded.is_finite, name, views, settings)
     return network, encoded
@@ -203,8 +205,9 @@ def paint(
     """Albedo and baked colour (3, T, T) by InstantAlbedo, whose memory is free again afterwards."""
     progress(0.0, "InstantAlbedo: loading")
     network = networks.load("instant_albedo", settings)
-    progress(0.1, "InstantAlbedo")
-    with networks.running(network, settings, report):
+    painting = partial(progress, 0.1, "InstantAlbedo: painting")
+    painting()
+    with networks.running(network, settings, report, painting):
         albedo, baked = network(views.images, texels, seen, base)
     finite = bool((albedo.isfinite() & baked.isfinite())[:, texels.mask].all())
     _require_numbers(finite, "instant_albedo", views, settings)

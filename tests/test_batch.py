@@ -120,7 +120,7 @@ def pipeline(monkeypatch):
 
     calls = []
 
-    def generate(views, settings, progress, report):
+    def generate(views, settings, progress, report, mesh=None):
         calls.append(settings)
         with report.stage("shape"):
             box = trimesh.creation.box()
@@ -197,7 +197,7 @@ import torch
 from arm_blender import pipeline, export
 from arm_blender.commands import batch
 from arm_blender.structures import MaterialMaps, RelightableAsset, UvMesh
-def generate(views, settings, progress, report):
+def generate(views, settings, progress, report, mesh=None):
     corners = torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
     mesh = UvMesh(corners, torch.tensor([[0, 1, 2]]), corners[:, :2], torch.tensor([[0, 1, 2]]), 1)
     maps = MaterialMaps(*(torch.full((channels, 4, 4), 0.5) for channels in (3, 3, 1, 1)))

@@ -26,6 +26,7 @@ LAYERS = [  # A module imports from its own layer and from earlier ones.
         "library_install",
         "weights_folder",
         "threads",
+        "interruptible",
         "memory",
         "precision",
         "structures",

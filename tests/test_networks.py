@@ -123,10 +123,10 @@ def test_the_papers_grid_holds_at_every_quality_and_the_users_before_it():
 def test_small_networks_stay_in_single_precision_unless_asked(name):
     module = networks.load(name, Settings())
     report = Report("small", "cpu", 0)
-    with networks.running(module, Settings(), report):
+    with networks.running(module, Settings(), report, list):
         assert not torch.is_autocast_enabled("cpu")
     assert report.left_out == []
-    with networks.running(module, Settings(precision="bfloat16"), report):
+    with networks.running(module, Settings(precision="bfloat16"), report, list):
         assert torch.is_autocast_enabled("cpu")
     assert [note.what for note in report.left_out] == [f"float32 in {type(module).__name__}"]
 
@@ -201,3 +201,13 @@ def test_each_stage_has_its_own_remedy(views, monkeypatch, place, remedy):
     monkeypatch.setattr(f"arm_blender.pipeline.{place}", lambda *_: allocator_error())
     with pytest.raises(OutOfMemory, match=remedy):
         pipeline.generate(views, TINY)
+
+
+@pytest.mark.parametrize("name", list(networks.NETWORKS))
+def test_a_stop_is_heard_between_the_blocks_of_a_network(name):
+    """So that nobody waits for a whole pass."""
+    module = networks.load(name, Settings())
+    with networks.running(module, Settings(), Report("small", "cpu", 0), list):
+        hooked = sum(bool(part._forward_pre_hooks) for part in module.modules())
+    assert hooked > 10
+    assert not any(part._forward_pre_hooks for part in module.modules())

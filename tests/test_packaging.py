@@ -48,7 +48,7 @@ def test_weights_of_others_leave_in_no_package():
         "wheel": [f"/arm_blender/{pattern}" for pattern in wheel],
     }
     for weights in checkpoints.REGISTRY:
-        path = f"/arm_blender/weights/{weights.name}.safetensors"
+        path = f"/arm_blender/weights/{weights.file_name}"
         for place, patterns in passed_over.items():
             ours = weights.licence in ("GPL-3.0-or-later", "your own")
             assert any(fnmatch.fnmatch(path, pattern) for pattern in patterns) != ours, f"{place}: {weights.name}"

@@ -41,7 +41,11 @@ def answer(monkeypatch, asset):
     def run(request, progress):
         requests.append(request)
         frame = SceneFrame(torch.tensor([1.0, 2.0, 3.0]), 2.0)
-        maps = asset.maps if len(requests) == 1 else type(asset.maps)(*(1.0 - m for m in vars(asset.maps).values()))
+        maps = (
+            asset.maps
+            if len(requests) == 1
+            else type(asset.maps)(*(1.0 - m for m in vars(asset.maps).values() if m is not None))
+        )
         return Generated(RelightableAsset("ring", asset.mesh, maps), Report("small", "cpu", request.seed), frame)
 
     monkeypatch.setattr(operators, "generate", run)

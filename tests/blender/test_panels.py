@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import arm_blender
+from arm_blender import libraries
 from arm_blender.quality_levels import measured_levels
 
 bpy = pytest.importorskip("bpy")
@@ -32,6 +33,7 @@ class Layout:
 
     def operator(self, name, **options):
         self.seen["operator"].append(name)
+        return types.SimpleNamespace()
 
     def label(self, text="", **options):
         self.seen["label"].append(text)
@@ -68,6 +70,14 @@ def listed(settings, kind: str, names: list[str]) -> None:
     settings.views_of, settings.views_kind = request.path_key("//cup"), kind
     for name in names:
         settings.views.add().name = name
+
+
+@pytest.mark.parametrize("absent", [[], ["torch"]])
+def test_the_preferences_are_offered_only_where_something_is_missing(settings, monkeypatch, absent):
+    monkeypatch.setattr(libraries, "missing", lambda asked: absent)
+    seen = drawn()
+    assert ("preferences.addon_show" in seen["operator"]) == bool(absent)
+    assert ("PyTorch is missing" in " ".join(seen["label"])) == bool(absent)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import arm_blender
 from arm_blender import checkpoints, libraries, library_install, weights_folder
 
 bpy = pytest.importorskip("bpy")
-from arm_blender.blender import background, panels, runtime, setup_layout, setup_operators  # noqa: E402
+from arm_blender.blender import background, runtime, setup_layout, setup_operators  # noqa: E402
 from arm_blender.errors import ArmError, OutputError  # noqa: E402
 
 pytestmark = pytest.mark.blender
@@ -111,15 +111,6 @@ def test_without_pytorch_the_extension_says_what_to_do(chosen, monkeypatch, tmp_
     for operator in (lambda: bpy.ops.arm.generate(filepath=str(tmp_path)), bpy.ops.arm.list_weights):
         with pytest.raises(RuntimeError, match="PyTorch is missing; Edit > Preferences > Add-ons"):
             operator()
-
-
-def test_the_panel_offers_the_preferences_only_where_something_is_missing(chosen, monkeypatch):
-    for absent in ((), ("torch",)):
-        without(monkeypatch, *absent)
-        panel = types.SimpleNamespace(layout=Layout())
-        panels.ARM_PT_generate.draw(panel, bpy.context)
-        assert ("preferences.addon_show" in panel.layout.operators) == bool(absent)
-        assert ("PyTorch is missing" in panel.layout.texts) == bool(absent)
 
 
 def test_other_libraries_that_are_missing_are_named(chosen, monkeypatch):

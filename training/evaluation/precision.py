@@ -30,9 +30,9 @@ from arm_blender.models.unet import UnetConfig
 from arm_blender.models.vit import VitConfig
 from arm_blender.structures import ViewSet
 from arm_blender.uv.backproject import backproject, blend
+from arm_blender.uv.decimate import decimate
 from arm_blender.uv.maps import diffuse_fill
 from arm_blender.uv.texels import texel_map
-from arm_blender.uv.decimate import decimate
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 
 EXPLANATION = """\

@@ -9,9 +9,9 @@ from torch import Tensor
 
 from ...errors import ArmError
 from ...graphics.color import bytes_from_unit, composite, srgb_from_linear
+from ...interruptible import interruptible
 from ...progress import Progress, silent
 from .attention import predict
-from .interruptible import interruptible
 from .network_picture import network_picture
 from .networks import Networks
 from .schedule import schedule
