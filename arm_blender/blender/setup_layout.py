@@ -81,6 +81,8 @@ def _draw_weights(box: bpy.types.UILayout) -> None:
         line.label(text=f"{entry.name}: {entry.condition}; {entry.licence}", icon=_ICONS[entry.condition])
         line.label(text=entry.enables, icon="BLANK1")
         draw_notice(line, entry.path if entry.condition == "whole" else entry.remedy, _LINE, icon="BLANK1")
+        if entry.download and entry.condition != "whole":
+            line.operator("arm.download_weights", text=f"Download ({entry.download})", icon="IMPORT").name = entry.name
 
 
 def _draw_work(layout: bpy.types.UILayout) -> None:

@@ -36,6 +36,8 @@ class WeightsRow:
     enables: str
     path: str
     remedy: str
+    download: str
+    """How large it is and whether that takes an account; empty where it cannot be downloaded."""
 
 
 _weights: tuple[WeightsRow, ...] | None = None
@@ -62,20 +64,22 @@ class _WhileIdle:
         return {"FINISHED"}
 
 
-class ARM_OT_install_libraries(_WhileIdle, bpy.types.Operator):
-    """Download libraries from the Python package index into the extension's own folder; each file's hash is checked"""
-
-    bl_idname = "arm.install_libraries"
-    bl_label = "Install Libraries"
-
-    extra: EXTRAS
-
+class _WhileOnline(_WhileIdle):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         if not bpy.app.online_access:
             cls.poll_message_set(OFFLINE)
             return False
         return super().poll(context)
+
+
+class ARM_OT_install_libraries(_WhileOnline, bpy.types.Operator):
+    """Download libraries from the Python package index into the extension's own folder; each file's hash is checked"""
+
+    bl_idname = "arm.install_libraries"
+    bl_label = "Install Libraries"
+
+    extra: EXTRAS
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         extra, lock = self.extra, library_install.lock_of(self.extra)
@@ -132,7 +136,7 @@ class ARM_OT_list_weights(_WhileIdle, bpy.types.Operator):
 
 
 class ARM_OT_import_weights(_WhileIdle, bpy.types.Operator):
-    """Convert a checkpoint of another project that you have downloaded; code in the file is never run"""
+    """Convert weights of another project that you have downloaded; code in the file is never run"""
 
     bl_idname = "arm.import_weights"
     bl_label = "Import Weights"
@@ -141,6 +145,7 @@ class ARM_OT_import_weights(_WhileIdle, bpy.types.Operator):
     kind: EnumProperty(
         name="Network",
         items=(
+            ("auto", "By the File's Name", "For files that are named as their publishers name them"),
             ("georm", "Shape: InstantMesh", "Its instant_nerf or instant_mesh checkpoint, for the preset InstantMesh"),
             ("image-encoder", "Image Encoder: DINO ViT-B/16", "What training the paper's GeoRM begins with"),
             (
@@ -148,6 +153,7 @@ class ARM_OT_import_weights(_WhileIdle, bpy.types.Operator):
                 "Material Encoder: DINO ViT-B/8",
                 "What training the paper's InstantAlbedo begins with",
             ),
+            ("matting", "Foreground: U2-Net or IS-Net", "An ONNX model that cuts the object out of a photograph"),
         ),
     )
 
@@ -165,9 +171,44 @@ class ARM_OT_import_weights(_WhileIdle, bpy.types.Operator):
 
         def work(progress: Progress) -> tuple[WeightsRow, ...]:
             progress(0.0, f"Converting {source.name}")
-            from ..weights_import import import_weights
+            from ..weights_install import install
 
-            import_weights(source, kind)
+            for _ in install(source, None if kind == "auto" else kind):
+                progress(0.5, f"Converting {source.name}")
+            return _read_weights(progress)
+
+        background.start(work, _show_weights)
+        return self._concluded()
+
+
+class ARM_OT_download_weights(_WhileOnline, bpy.types.Operator):
+    """Download weights from those who publish them; what has arrived when it is stopped is gone on with"""
+
+    bl_idname = "arm.download_weights"
+    bl_label = "Download Weights"
+
+    name: StringProperty(name="Weights", options={"SKIP_SAVE"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        return context.window_manager.invoke_props_dialog(self, width=420)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        for row in (row for row in weights() or () if row.name == self.name):
+            self.layout.label(text=f"{row.name}: {row.download}")
+            self.layout.label(text=f"Licence: {row.licence}. By downloading you accept it.", icon="INFO")
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            runtime.prepare()
+        except ArmError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        name = self.name
+
+        def work(progress: Progress) -> tuple[WeightsRow, ...]:
+            from .. import weights_install
+
+            weights_install.download(name, progress)
             return _read_weights(progress)
 
         background.start(work, _show_weights)
@@ -194,7 +235,8 @@ def _read_weights(progress: Progress) -> tuple[WeightsRow, ...]:
     for index, entry in enumerate(checkpoints.REGISTRY):
         progress(index / len(checkpoints.REGISTRY), f"Checking {entry.name}")
         path, condition = str(checkpoints.shipped(entry.name)), checkpoints.condition(entry.name)
-        rows.append(WeightsRow(entry.name, condition, entry.licence, entry.enables, path, entry.remedy))
+        row = (entry.name, condition, entry.licence, entry.enables, path, entry.remedy, entry.download)
+        rows.append(WeightsRow(*row))
     return tuple(rows)
 
 
@@ -208,6 +250,7 @@ classes = (
     ARM_OT_remove_libraries,
     ARM_OT_list_weights,
     ARM_OT_import_weights,
+    ARM_OT_download_weights,
     ARM_OT_cancel_setup,
 )
 

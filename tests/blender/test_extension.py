@@ -51,7 +51,7 @@ def ours() -> list[str]:
 def test_registering_twice_leaves_nothing_behind(empty_file):
     for _ in range(2):
         arm_blender.register()
-        assert len(ours()) == 25
+        assert len(ours()) == 26
         assert bpy.context.scene.arm.preset == "small"
         arm_blender.unregister()
     assert ours() == []

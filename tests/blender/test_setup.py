@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import arm_blender
-from arm_blender import checkpoints, libraries, library_install, weights_folder
+from arm_blender import checkpoints, libraries, library_install, weights_folder, weights_install
 
 bpy = pytest.importorskip("bpy")
 from arm_blender.blender import background, runtime, setup_layout, setup_operators  # noqa: E402
@@ -217,6 +217,21 @@ def test_a_file_that_cannot_be_imported_is_named(chosen, tmp_path):
     with pytest.raises(RuntimeError, match=r"absent\.ckpt: no such file, check the path"):
         bpy.ops.arm.import_weights(filepath=str(tmp_path / "absent.ckpt"), kind="georm")
     assert not (tmp_path / "weights").exists()
+
+
+def test_weights_are_not_downloaded_while_blender_is_offline(chosen):
+    with pytest.raises(RuntimeError, match="poll"):
+        bpy.ops.arm.download_weights(name="matting")
+
+
+def test_weights_come_at_the_press_of_a_button(chosen, online, monkeypatch):
+    asked = []
+    monkeypatch.setattr(weights_install, "download", lambda name, progress: asked.append(name))
+    bpy.ops.arm.list_weights()
+    rows = setup_operators.weights()
+    assert drawn(chosen).operators.count("arm.download_weights") == sum(bool(row.download) for row in rows) > 2
+    assert bpy.ops.arm.download_weights(name="matting") == {"FINISHED"}
+    assert asked == ["matting"]
 
 
 @pytest.fixture
