@@ -65,6 +65,10 @@ MAXIMUM_THREADS = 1024
 """More is a slip of the finger, and the system may refuse to start them."""
 
 
+SHORTEST_LIMIT = 5.0
+"""Seconds: twice what the charts of half a million faces take on two cores before anything can be given up."""
+
+
 @dataclass(frozen=True)
 class Settings:
     """One run. Knobs that are None follow the quality level."""
@@ -86,7 +90,7 @@ class Settings:
     threads: int | None = None
     """Of the CPU; None leaves torch's choice."""
     time_limit: float = 60.0
-    """Seconds that unwrapping may take before charts are packed without xatlas."""
+    """Seconds that unwrapping may take, 5 at least: charts are packed without xatlas where it would take longer."""
     blend: BlendName = "robust"
     """How views that see the same texel share it (`BLENDS`)."""
     precision: PrecisionName = "auto"
@@ -113,8 +117,8 @@ class Settings:
             raise ArmError(f"--faces {self.resolved.faces}: give at least 100")
         if not 16 <= self.resolved.grid <= 512:
             raise ArmError(f"--grid {self.resolved.grid}: give 16 to 512")
-        if not self.time_limit > 0.0:
-            raise ArmError(f"--time-limit {self.time_limit:g}: give positive seconds")
+        if not self.time_limit >= SHORTEST_LIMIT:
+            raise ArmError(f"--time-limit {self.time_limit:g}: give {SHORTEST_LIMIT:g} seconds or more")
         for name, seed in (("seed", self.seed), ("random-weights", self.random_weights)):
             if seed is not None and not 0 <= seed < 2**63:
                 raise ArmError(f"--{name} {seed}: give 0 to 2**63 - 1")
