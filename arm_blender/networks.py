@@ -38,8 +38,8 @@ _KEPT_AT_MOST = 3
 _kept: dict[tuple[str, Path, str], nn.Module] = {}
 
 
-def check_weights(settings: Settings, given_shape: bool = False) -> None:
-    """That every file that the run is going to need is there; a given shape needs no GeoRM.
+def check_weights(settings: Settings, report: Report, given_shape: bool = False) -> None:
+    """That every file that the run is going to need is there, and under which licence; a given shape needs no GeoRM.
 
     Raises:
         CheckpointError: one is missing or none of ours.
@@ -48,7 +48,9 @@ def check_weights(settings: Settings, given_shape: bool = False) -> None:
         return
     for name in NETWORKS:
         if name != "georm" or not given_shape:
-            checkpoints.read_header(settings.weights(name))
+            header = checkpoints.read_header(settings.weights(name))
+            known = {weights.name: weights.licence for weights in checkpoints.REGISTRY}
+            report.weights[header["name"]] = header.get("licence") or known.get(header["name"], "your own")
 
 
 def load(name: str, settings: Settings) -> nn.Module:

@@ -67,7 +67,7 @@ def generate(
     """
     given = mesh is not None
     report = report or Report(settings.preset, settings.device, settings.seed)
-    networks.check_weights(settings, given)  # What is missing is said before the work.
+    networks.check_weights(settings, report, given)  # What is missing is said before the work.
     with _running(settings), torch.inference_mode():
         with lower_if_short("the views", "give fewer or smaller ones"):
             chosen = views.chosen()

@@ -38,6 +38,7 @@ class Report:
         charts: charts of its atlas.
         texture_size: texels a side of its largest map.
         seen_share: of the covered texels, how many at least one view sees, in [0, 1].
+        weights: the networks' weights by their names, and their licences: what is made with them may be bound by those.
         masks: by which way the pictures were cut out, and the names of those.
         left_out: what was not done, and why.
     """
@@ -51,6 +52,7 @@ class Report:
     charts: int | None = None
     texture_size: int | None = None
     seen_share: float | None = None
+    weights: dict[str, str] = field(default_factory=dict)
     masks: dict[str, list[str]] = field(default_factory=dict)
     left_out: list[LeftOut] = field(default_factory=list)
 
@@ -84,6 +86,7 @@ class Report:
             "seconds": {name: round(seconds, 3) for name, seconds in self.seconds.items()},
             "total_seconds": round(sum(self.seconds.values()), 3),
             "peak_memory_mib": peak_memory_mib(),
+            "weights": self.weights,
             "faces": self.faces,
             "charts": self.charts,
             "texture_size": self.texture_size,

@@ -211,3 +211,20 @@ def test_a_stop_is_heard_between_the_blocks_of_a_network(name):
         hooked = sum(bool(part._forward_pre_hooks) for part in module.modules())
     assert hooked > 10
     assert not any(part._forward_pre_hooks for part in module.modules())
+
+
+def test_the_report_names_the_licences_of_what_a_run_needs(monkeypatch, tmp_path):
+    header = {"name": "instantmesh.georm", "licence": "CC-BY-NC-4.0"}
+    own = checkpoints.read_header(Settings().weights("glossyrm"))
+    path = tmp_path / "instantmesh.georm.safetensors"
+    monkeypatch.setattr(
+        checkpoints, "read_header", lambda asked: header if asked == path else own | {"name": "mine.glossyrm"}
+    )
+    monkeypatch.setattr(Settings, "weights", lambda _, name: path if name == "georm" else Path(name))
+    for given, expected in (
+        (False, {**{header["name"]: header["licence"]}, "mine.glossyrm": "your own"}),
+        (True, {"mine.glossyrm": "your own"}),
+    ):
+        report = Report("instantmesh", "cpu", 0)
+        networks.check_weights(Settings(), report, given)
+        assert report.weights == expected == report.as_dict()["weights"]
