@@ -24,6 +24,7 @@ from arm_blender.report import Report
 from arm_blender.structures import ViewSet
 from arm_blender.uv import maps
 from arm_blender.uv.backproject import backproject, blend
+from arm_blender.uv.decimate import decimate
 from arm_blender.uv.texels import texel_map
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 from arm_blender.views import load_views
@@ -104,7 +105,7 @@ def run_stages(settings: Settings, stages: Stages, shape_only: bool) -> str:
     """
     report = Report(settings.preset, settings.device, settings.seed)
     views = six_views()
-    surface = pipeline.shape(views, settings, stages, report)
+    surface = decimate(pipeline.shape(views, settings, stages, report), settings.resolved.faces)
     if shape_only:
         stages(1.0, "end")
         return f"{len(surface.faces):,} faces"

@@ -125,7 +125,7 @@ def test_a_sweep_turns_every_knob_and_has_a_row_for_every_quality(ball_views, tm
     assert main(["sweep", *words]) == 0
     rows = list(csv.DictReader(output.with_suffix(".csv").open()))
     turned = ["grid", *["faces"] * 2, "texture size", *["views"] * 2, *["blend"] * (len(BLENDS) - 1)]
-    assert [row["label"] for row in rows] == [*QUALITIES, *turned]
+    assert [row["label"] for row in rows] == [*QUALITIES, *turned, "balanced again"]
     assert [int(row["views"]) for row in rows if row["label"] == "views"] == [1, 2]
     assert {row["blend"] for row in rows} == set(BLENDS)
     assert all(float(row["f_coarse"]) == 1.0 and float(row["faces"]) == len(ball().faces) for row in rows)
@@ -144,6 +144,16 @@ def test_a_sweep_goes_on_where_a_grid_finds_nothing(ball_views, tmp_path, quick_
 
 def sweep_row(seconds: float, chamfer: float) -> sweep.SweepRow:
     return sweep.SweepRow("grid", 64, 500, 256, 6, "robust", 500.0, 1.0, 1.0, chamfer, 30.0, seconds, 0.0, 0.0)
+
+
+def test_a_point_is_beaten_by_more_than_noise_in_one_thing_and_by_none_in_the_others():
+    def row(seconds: float, chamfer: float, psnr: float) -> sweep.SweepRow:
+        return sweep.SweepRow("grid", 64, 1, 1, 6, "robust", 1.0, 0.0, 0.0, chamfer, psnr, seconds, 0.0, 0.0)
+
+    fast, good = row(1.0, 0.050, 25.0), row(10.0, 0.040, 26.0)
+    alike = [row(1.05, 0.0504, 24.95), row(9.5, 0.0397, 25.95)]
+    beaten = [row(1.2, 0.050, 25.0), row(10.0, 0.041, 26.0), row(10.0, 0.040, 25.8), row(20.0, 0.0399, 26.05)]
+    assert sweep.unbeaten([good, *alike, *beaten, fast]) == [fast, alike[0], alike[1], good]
 
 
 def test_the_pareto_front_is_what_nothing_beats_in_both():
