@@ -56,6 +56,15 @@ class _WhileIdle:
             return False
         return True
 
+    def _prepared(self) -> bool:
+        """Whether the libraries are there; says what is missing where they are not."""
+        try:
+            runtime.prepare()
+        except ArmError as error:
+            self.report({"ERROR"}, str(error))
+            return False
+        return True
+
     def _concluded(self) -> set[str]:
         """What the operator returns once its work was started: without a window that work has ended."""
         if bpy.app.background and background.error():
@@ -126,10 +135,7 @@ class ARM_OT_list_weights(_WhileIdle, bpy.types.Operator):
     bl_label = "Show Weights"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        try:
-            runtime.prepare()
-        except ArmError as error:
-            self.report({"ERROR"}, str(error))
+        if not self._prepared():
             return {"CANCELLED"}
         background.start(_read_weights, _show_weights)
         return self._concluded()
@@ -162,10 +168,7 @@ class ARM_OT_import_weights(_WhileIdle, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        try:
-            runtime.prepare()
-        except ArmError as error:
-            self.report({"ERROR"}, str(error))
+        if not self._prepared():
             return {"CANCELLED"}
         source, kind = Path(bpy.path.abspath(self.filepath)), self.kind
 
@@ -198,10 +201,7 @@ class ARM_OT_download_weights(_WhileOnline, bpy.types.Operator):
             self.layout.label(text=f"Licence: {row.licence}. By downloading you accept it.", icon="INFO")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        try:
-            runtime.prepare()
-        except ArmError as error:
-            self.report({"ERROR"}, str(error))
+        if not self._prepared():
             return {"CANCELLED"}
         name = self.name
 
