@@ -4,8 +4,14 @@ import pytest
 import torch
 
 from arm_blender.errors import CheckpointError
-from arm_blender.models.key_maps import convert, materialistic_cascade
-from arm_blender.models.material_encoder import MaterialEncoder, MaterialEncoderConfig
+from arm_blender.models.key_maps import KeyMap, convert, materialistic_cascade
+from arm_blender.models.material_encoder import (
+    Context,
+    Fusion,
+    MaterialEncoder,
+    MaterialEncoderConfig,
+    ResidualUnit,
+)
 from arm_blender.models.vit import VitConfig
 
 CONFIG = MaterialEncoderConfig(VitConfig(8, 16, 4, 2, 4, 4), (0, 1, 2, 3), image_size=32, channels=8, out_channels=4)
@@ -26,6 +32,53 @@ def test_cascade_equals_the_published_one(encoder, parity):
     with torch.no_grad():
         path = encoder.fuse([fixture.inputs[f"layer_{k}"] for k in (1, 2, 3, 4)], 4, 4)
     fixture.check(path, "path_1")
+
+
+def load_part(module: torch.nn.Module, ours: str, state: dict[str, torch.Tensor]) -> None:
+    """Fill the part of the cascade that is called `ours` there, and nothing else, by the key map."""
+    whole = materialistic_cascade()
+    sources = {
+        key.removeprefix(f"{ours}."): source for key, source in whole.sources.items() if key.startswith(f"{ours}.")
+    }
+    module.load_state_dict(convert(state, KeyMap(sources, whole.unused), module.state_dict(), ours))
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("name, factor", [("up", 2), ("noup", 1)])
+def test_fusion_equals_the_published_one(parity, name, factor):
+    fixture = parity(f"materialistic_fusion_{name}")
+    fusion = Fusion(8, factor, joins=True)
+    load_part(fusion, "fusions.0", {f"fusion_1.{key}": tensor for key, tensor in fixture.weights.items()})
+    fixture.check(fusion(fixture.inputs["skip"], fixture.inputs["path"]), "two_inputs")
+    fixture.check(fusion(fixture.inputs["skip"]), "one_input")
+
+
+@torch.no_grad()
+def test_the_deepest_fusion_leaves_out_what_joins(parity):
+    fixture = parity("materialistic_fusion_noup")
+    fusion = Fusion(8, 1, joins=False)
+    load_part(fusion, "fusions.3", {f"fusion_4.{key}": tensor for key, tensor in fixture.weights.items()})
+    fixture.check(fusion(fixture.inputs["skip"]), "one_input")
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("unit, name", [("join", "resConfUnit1"), ("refine", "resConfUnit2")])
+def test_residual_unit_equals_the_published_one(parity, unit, name):
+    fixture, residual = parity("materialistic_residual_conv_unit"), ResidualUnit(8)
+    load_part(residual, f"fusions.1.{unit}", {f"fusion_2.{name}.{key}": t for key, t in fixture.weights.items()})
+    fixture.check(residual(fixture.inputs["x"]), "y")
+
+
+@torch.no_grad()
+def test_the_class_token_is_mixed_in_as_published(parity):
+    fixture, context = parity("materialistic_project_readout"), Context(16, 16, factor=1)
+    state = {f"spatial_transform_1.0.{key}": tensor for key, tensor in fixture.weights.items()}
+    unmixed = {
+        "spatial_transform_1.2.weight": torch.eye(16)[:, :, None, None],
+        "spatial_transform_1.2.bias": torch.zeros(16),
+    }
+    load_part(context, "contexts.0", state | unmixed)
+    fixture.check(context(fixture.inputs["tokens"], 3, 3).flatten(2).transpose(1, 2), "y")
 
 
 def test_published_cross_attention_is_dropped_and_an_unknown_key_refused(encoder, parity):
