@@ -188,11 +188,12 @@ def click_generate() -> Scenario:
     """Press the panel's button with the mouse; the job that it starts."""
     ready = module("operators")
     x, y = json.loads(os.environ["ARM_BUTTON"])
-    window().event_simulate(type="MOUSEMOVE", value="NOTHING", x=x, y=y)
-    yield 0.1
+    for aside in (40, 2, 0):  # The first move finds the sidebar, the next its button.
+        window().event_simulate(type="MOUSEMOVE", value="NOTHING", x=x + aside, y=y)
+        yield 0.2
     for value in ("PRESS", "RELEASE"):
         window().event_simulate(type="LEFTMOUSE", value=value, x=x, y=y)
-        yield 0.05
+        yield 0.1
     window().event_simulate(type="MOUSEMOVE", value="NOTHING", x=ESC_AT[0], y=ESC_AT[1])
     for _ in range(200):
         if ready.is_running():
@@ -223,7 +224,6 @@ def choose_views() -> Scenario:
 
 def prepare(watch: Watch) -> Scenario:
     """The extension enabled, its tab in front, the views chosen."""
-    bpy.context.preferences.view.show_splash = False
     bpy.data.objects.remove(bpy.data.objects["Cube"])
     addon_utils.enable(EXTENSION, default_set=True)
     watch.attach()
@@ -277,6 +277,7 @@ def whole(name: str) -> Scenario:
 
 
 def main() -> None:
+    bpy.context.preferences.view.show_splash = False  # Before the first event, or it is there.
     steps = whole(sys.argv[-1])
 
     def step() -> float | None:
