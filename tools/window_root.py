@@ -19,9 +19,11 @@ RELEASE = "trixie"
 
 PACKAGES = (
     *("blender", "xvfb", "xauth", "libgl1-mesa-dri", "libegl-mesa0", "imagemagick", "procps", "ca-certificates"),
-    *("python3-torch", "python3-numpy", "python3-requests", "python3-zstandard"),
+    *("python3-torch", "libopenblas0-pthread", "python3-numpy", "python3-requests", "python3-zstandard"),
     *("python3-safetensors", "python3-trimesh", "python3-openimageio"),
 )
+"""Without OpenBLAS, Debian's PyTorch multiplies matrices with the reference BLAS, many times slower."""
+
 WHEELS = ("pillow", "fast-simplification", "xatlas")
 """What Debian lacks, or has too old, as pinned in requirements.txt."""
 

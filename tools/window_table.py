@@ -54,7 +54,8 @@ Blender.
 {table(checks(found))}
 
 *Says so*: from the key press to the first redraw of the panel with "Cancelling". *Ends*: from the key press to the
-end of the thread; the stage is the one in which the key was pressed. The panel was redrawn at every tick of 0.02 s.
+end of the thread; the stage is the one in which the key was pressed. Timer events were asked for every
+0.02 s, and redraws of the panel every 0.1 s.
 
 A stop is heard at the next report of the thread. So long a stage of an undisturbed run stayed silent at most:
 
