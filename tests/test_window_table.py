@@ -49,3 +49,4 @@ def test_a_stop_is_said_and_made_in_time(tool, said, ended, held):
 def test_the_page_states_machine_and_silences(tool):
     page = tool.document({"run": run_of(0.1)}, "A machine of its own")
     assert "A machine of its own" in page and "| reading | 0.30 s |" in page
+    assert "Without a result: cancel, load, quit, disable." in page

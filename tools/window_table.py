@@ -27,8 +27,7 @@ class Check:
 
 def checks(found: dict[str, dict]) -> list[Check]:
     """The lines of the scenarios that ran; `found` is what each wrote, by its name."""
-    makers = {"run": _run, "cancel": _cancel, "load": _load, "quit": _quit, "disable": _disable}
-    return [check for name, maker in makers.items() if name in found for check in maker(found[name])]
+    return [check for name, maker in _MAKERS.items() if name in found for check in maker(found[name])]
 
 
 def table(lines: list[Check]) -> str:
@@ -52,7 +51,7 @@ Blender.
 {machine}.
 
 {table(checks(found))}
-
+{_missing(found)}
 *Says so*: from the key press to the first redraw of the panel with "Cancelling". *Ends*: from the key press to the
 end of the thread; the stage is the one in which the key was pressed. Timer events were asked for every
 0.02 s, and redraws of the panel every 0.1 s.
@@ -65,6 +64,12 @@ A stop is heard at the next report of the thread. So long a stage of an undistur
 
 ![The panel idle, running, failed and done](images/panel.png)
 """
+
+
+def _missing(found: dict[str, dict]) -> str:
+    """The scenarios that failed or were not run, as a paragraph."""
+    absent = [name for name in _MAKERS if name not in found]
+    return f"\nWithout a result: {', '.join(absent)}.\n" if absent else ""
 
 
 def _run(found: dict) -> list[Check]:
@@ -106,3 +111,6 @@ def _quit(found: dict) -> list[Check]:
 def _disable(found: dict) -> list[Check]:
     held = found["ended"] and found["gone"] and found["back"]
     return [Check("the extension disabled during a run", f"ended after {found['seconds']:.2f} s", "", held)]
+
+
+_MAKERS = {"run": _run, "cancel": _cancel, "load": _load, "quit": _quit, "disable": _disable}
