@@ -3,6 +3,7 @@
 # make test     the tests; make lint; make bench
 # make extension     the extension's zips with their libraries, and a repository's index -> out/extension/
 # make test-blender  those zips in every supported Blender: install, generate, relight, export, uninstall
+# make test-ui  the panel in a real Blender window, measured; needs a Debian and root -> docs/user-interface.md
 # PYTHON=...    the Python 3.11 to make .venv with; EXAMPLE=... the views of the demo
 # PLATFORMS=... TORCH_INDEX=...  of `make extension`; PYTHON_313=... TORCH_313=...  of `make test-blender`
 
@@ -12,7 +13,7 @@ EXAMPLE ?= $(patsubst %/,%,$(firstword $(dir $(wildcard examples/*/transforms.js
 BIN := .venv/bin
 READY := .venv/.installed
 
-.PHONY: all demo test lint bench extension test-blender clean
+.PHONY: all demo test lint bench extension test-blender test-ui clean
 
 all: $(READY)
 
@@ -46,6 +47,9 @@ extension: $(READY)
 test-blender: extension
 	$(BIN)/python tools/blender_matrix.py --views $(EXAMPLE) $(if $(PYTHON_313),--python-313 $(PYTHON_313)) \
 		$(if $(TORCH_313),--torch-313 $(TORCH_313))
+
+test-ui: $(READY)
+	$(BIN)/python tools/window_run.py --write
 
 clean:
 	rm -rf out .pytest_cache .ruff_cache

@@ -128,7 +128,7 @@ def density(views: ViewSet, settings: Settings, report: Report, progress: Progre
     """GeoRM's logits, raised until they fill the silhouettes of normalised `views`; the surface is where they are 0."""
     network, encoded = _encoded("georm", views, settings, report, progress)
     chunk = POINTS_AT_ONCE[settings.device]
-    field = network.filled_logit(encoded, chunk)
+    field = network.filled_logit(encoded, chunk, part(progress, 0.6, 1.0))
     return field if settings.random_weights is None else random_weights.dented_ball(field, chunk, settings.device)
 
 
@@ -180,12 +180,14 @@ def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report,
         report.leave_out(f"texels beyond {size} a side", "the views have no more pixels to fill them")
     progress(0.0, "back-projecting the views")
     texels = texel_map(mesh, size)
-    seen = backproject(mesh, texels, views)
+    seen = backproject(mesh, texels, views, progress=part(progress, 0.02, 0.22))
+    progress(0.22, "blending the views")
     colors, weight = blend(seen, views.weights, BLENDS[settings.blend])
     known = (weight > 0.0) & texels.mask
     report.seen_share = float(known.sum() / texels.mask.sum().clamp(min=1))
     if report.seen_share == 1.0:
         report.leave_out("in-painting", "every texel was seen")
+    progress(0.26, "filling unseen texels")
     base = maps.diffuse_fill(colors, known, texels)
     albedo, baked = paint(views, texels, seen, base, settings, report, part(progress, 0.3, 0.6))
     del seen, base, colors, weight

@@ -154,9 +154,13 @@ def test_a_density_without_a_surface_names_the_views(views, monkeypatch):
         pipeline.shape(views, QUICK)
 
 
-@pytest.mark.parametrize("stage", ["GeoRM: reading the views", "Packing charts", "GlossyRM: decoding texels"])
+STOPS = ("GeoRM: reading the views", "Filling silhouettes", "Packing charts")
+STOPS += ("back-projecting the views", "filling unseen texels", "GlossyRM: decoding texels")
+
+
+@pytest.mark.parametrize("stage", STOPS)
 def test_cancelling_stops_at_the_next_report_of_progress(views, stage):
-    """At the first report of the first stage, of the one that waits for a process, and of the last."""
+    """At the first report of the first stage, of the one that waits for a process, of the last, and of long ones."""
     heard = []
 
     def progress(fraction: float, message: str) -> None:
@@ -170,7 +174,10 @@ def test_cancelling_stops_at_the_next_report_of_progress(views, stage):
     assert heard == sorted(heard) and 0.0 <= heard[0] <= heard[-1] <= 1.0
     expected = {
         "GeoRM": ["shape"],
+        "Filling silhouettes": ["shape"],
         "Packing charts": ["shape", "unwrap"],
+        "back-projecting the views": ["shape", "unwrap", "appearance"],
+        "filling unseen texels": ["shape", "unwrap", "appearance"],
         "GlossyRM": ["shape", "unwrap", "appearance"],
     }
     assert list(report.seconds) == expected[stage.partition(":")[0]]

@@ -6,6 +6,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
+from ..progress import Progress, silent
 from .feature_volume import sample_volume
 from .reconstruction import EncodedViews, NetworkViews, ReconstructionConfig, ReconstructionModel
 from .silhouette_fill import CARVED, fill
@@ -39,13 +40,16 @@ class GeoRM(nn.Module):
         raw, hull = self.model.decode(encoded, points)
         return raw.squeeze(-1) if hull is None else raw.squeeze(-1) + self._hull_vote(hull)
 
-    def filled_logit(self, encoded: EncodedViews, chunk: int) -> Callable[[Tensor], Tensor]:
+    def filled_logit(
+        self, encoded: EncodedViews, chunk: int, progress: Progress = silent
+    ) -> Callable[[Tensor], Tensor]:
         """The field whose surface is the object: (P, 3) world points to (P,), of one object, silhouettes filled.
 
         Where the configuration has no outlines it is `occupancy_logit`.
 
         Args:
             chunk: points asked at once.
+            progress: of filling the silhouettes.
         """
 
         def plain(points: Tensor) -> Tensor:
@@ -53,7 +57,7 @@ class GeoRM(nn.Module):
 
         if encoded.views is None:
             return plain
-        carved = -CARVED + fill(lambda points: plain(points) - CARVED, encoded.views.outlines, chunk)
+        carved = -CARVED + fill(lambda points: plain(points) - CARVED, encoded.views.outlines, chunk, progress)
         return lambda points: plain(points) + sample_volume(carved, points[None])[0, :, 0]
 
     def coarse_logit(self, encoded: EncodedViews, points: Tensor) -> Tensor:

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from ..progress import Progress, silent
 from .feature_volume import cell_centers, sample_volume
 from .visual_hull import Outlines
 
@@ -42,7 +43,7 @@ EMPTY = -20.0
 """The logit of what lies outside of the visual hull by more than a cell."""
 
 
-def fill(logit: Callable[[Tensor], Tensor], outlines: Outlines, chunk: int) -> Tensor:
+def fill(logit: Callable[[Tensor], Tensor], outlines: Outlines, chunk: int, progress: Progress = silent) -> Tensor:
     """(1, 1, GRID, GRID, GRID) logits to add to a field, indexed z, y, x, so that it fills the silhouettes.
 
     They are smooth, so that the surface moves as a whole: raised pixel by pixel it would be torn into fins.
@@ -50,6 +51,7 @@ def fill(logit: Callable[[Tensor], Tensor], outlines: Outlines, chunk: int) -> T
     Args:
         logit: of (P, 3) world points, at most `chunk` at once, (P,).
         outlines: of one object's views, B = 1.
+        progress: called before every chunk and every round; what it raises passes through.
     """
     centers = cell_centers(GRID, outlines.c2w.device)
     near = torch.cat([outlines.hull_distance(part[None])[0] for part in centers.split(chunk)]) > -2.0 / GRID
@@ -58,10 +60,13 @@ def fill(logit: Callable[[Tensor], Tensor], outlines: Outlines, chunk: int) -> T
     if not len(within):  # Masks that have no hull in common.
         return added
     believed = torch.full_like(added, EMPTY)
-    for part in within.split(chunk):
+    parts = within.split(chunk)
+    for number, part in enumerate(parts):
+        progress(0.7 * number / len(parts), "Filling silhouettes")
         # No number is nothing solid, as for the iso-surface: smoothed, it would spread over the whole grid.
         believed.view(-1)[part] = logit(centers[part]).nan_to_num(nan=EMPTY, posinf=-EMPTY, neginf=EMPTY)
-    for _ in range(ROUNDS):
+    for number in range(ROUNDS):
+        progress(0.7 + 0.3 * number / ROUNDS, "Filling silhouettes")
         raised = torch.zeros_like(believed)
         raised.view(-1)[within] = _raised(outlines, believed + added, centers[within])
         for _ in range(2):

@@ -11,6 +11,7 @@ from ..graphics.cameras import Camera, project, view_directions
 from ..graphics.color import srgb_from_linear
 from ..graphics.meshes import face_areas, face_normals, signed_areas
 from ..graphics.ragged import in_pieces
+from ..progress import Progress, silent
 from ..structures import TexelMap, TexelViews, UvMesh, ViewSet
 from .view_sampling import footprint, sample_view
 from .visibility import DepthBuffer, opaque_pixels, unoccluded
@@ -65,7 +66,11 @@ their angle and weight; or almost only the one that looks most squarely does."""
 
 @torch.no_grad()
 def backproject(
-    mesh: UvMesh, texels: TexelMap, views: ViewSet, config: BackprojectConfig = BackprojectConfig()
+    mesh: UvMesh,
+    texels: TexelMap,
+    views: ViewSet,
+    config: BackprojectConfig = BackprojectConfig(),
+    progress: Progress = silent,
 ) -> TexelViews:
     """What each view says of each texel: its colour, where it is seen unoccluded, not grazing, inside the silhouette.
 
@@ -75,6 +80,7 @@ def backproject(
         mesh: what hides the texels.
         texels: of its atlas.
         views: on the device of the mesh.
+        progress: called twice for every view; what it raises passes through.
     """
     size, count = len(texels.mask), len(views.cameras)
     covered = texels.mask.flatten().nonzero()[:, 0]
@@ -86,6 +92,7 @@ def backproject(
     pixels = points.new_zeros(count, size * size, 2)
     steps, facing, plain, sure = [], [], [], []
     for view, (image, camera) in enumerate(zip(views.images, views.cameras, strict=True)):
+        progress(0.8 * view / count, "back-projecting the views")
         where, squarely = in_pieces(partial(_look, camera), points, normals)
         pixels[view].index_copy_(0, covered, where)
         steps.append(footprint(pixels[view].view(size, size, 2), texels.mask).flatten()[covered])
@@ -95,6 +102,7 @@ def backproject(
         sure.append(seen_well)
     sure_of_one = torch.stack(sure).any(dim=0)
     for view, image in enumerate(views.images):
+        progress(0.8 + 0.2 * view / count, "back-projecting the views")
         chosen = torch.where(sure_of_one, sure[view], plain[view]).nonzero()[:, 0]
         where = pixels[view, covered[chosen]]
         colors, found = sample_view(image, where, steps[view][chosen], config.min_alpha)

@@ -1,0 +1,52 @@
+"""The table of the user interface: what misses its bar says so."""
+
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture
+def tool(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "tools"))
+    import window_table
+
+    return window_table
+
+
+def run_of(longest: float, left: int = 0) -> dict:
+    gap = {"longest": longest, "p95": longest / 2, "number": 9}
+    return {
+        "seconds": 8.0,
+        "error": "",
+        "made": 1,
+        "left after undo": left,
+        "intervals": {"timer events": gap},
+        "silences": {"reading": 0.3},
+    }
+
+
+def stop_of(said: float | None, ended: float) -> dict:
+    return {"stages": {"reading": {"said": said, "ended": ended, "stopped": True}}}
+
+
+@pytest.mark.parametrize("longest, left, missed", [(0.25, 0, 0), (0.26, 0, 1), (0.1, 1, 1)])
+def test_a_freeze_and_what_undo_leaves_are_missed_bars(tool, longest, left, missed):
+    lines = tool.checks({"run": run_of(longest, left)})
+    assert [line.held for line in lines].count(False) == missed
+    assert tool.table(lines).count("**missed**") == missed
+
+
+@pytest.mark.parametrize(
+    "said, ended, held", [(0.1, 0.9, True), (0.3, 0.9, False), (0.1, 1.1, False), (None, 0.2, True), (None, 0.3, False)]
+)
+def test_a_stop_is_said_and_made_in_time(tool, said, ended, held):
+    (line,) = tool.checks({"cancel": stop_of(said, ended)})
+    assert line.held == held
+
+
+def test_the_page_states_machine_and_silences(tool):
+    page = tool.document({"run": run_of(0.1)}, "A machine of its own")
+    assert "A machine of its own" in page and "| reading | 0.30 s |" in page
+    assert "Without a result: cancel, load, quit, disable." in page

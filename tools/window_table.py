@@ -1,0 +1,116 @@
+"""What a window's scenarios found, held against the bars, as a table. Standard library only."""
+
+from dataclasses import dataclass
+
+FREEZE = 0.25
+"""Seconds between two timer events or redraws at most, and until the panel says that a wish to stop was heard."""
+STOP = 1.0
+"""Seconds until the thread of a run with `small` has ended."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One line of the table.
+
+    Attributes:
+        what: was measured or looked at.
+        found: in words, with unit.
+        bar: in words; empty where there is none.
+        held: the bar.
+    """
+
+    what: str
+    found: str
+    bar: str
+    held: bool
+
+
+def checks(found: dict[str, dict]) -> list[Check]:
+    """The lines of the scenarios that ran; `found` is what each wrote, by its name."""
+    return [check for name, maker in _MAKERS.items() if name in found for check in maker(found[name])]
+
+
+def table(lines: list[Check]) -> str:
+    """Markdown."""
+    head = ["| what | found | bar | |", "| --- | ---: | ---: | --- |"]
+    rows = [f"| {line.what} | {line.found} | {line.bar} | {'held' if line.held else '**missed**'} |" for line in lines]
+    return "\n".join(head + rows)
+
+
+def document(found: dict[str, dict], machine: str) -> str:
+    """docs/user-interface.md."""
+    silences = found["run"]["silences"]
+    longest = "\n".join(f"| {stage} | {seconds:.2f} s |" for stage, seconds in silences.items())
+    return f"""# The user interface, measured
+
+`make test-ui` writes this page. It starts a real Blender with a window, clicks *Generate* for `examples/barrel` in
+draft quality with the mouse, presses Esc at every stage, undoes, opens a file, quits and disables the extension while a
+run is going on. It needs a Debian with root rights, and fills a folder of its own (`.cache/blender-window`) with that
+Blender.
+
+{machine}.
+
+{table(checks(found))}
+{_missing(found)}
+*Says so*: from the key press to the first redraw of the panel with "Cancelling". *Ends*: from the key press to the
+end of the thread; the stage is the one in which the key was pressed. Timer events were asked for every
+0.02 s, and redraws of the panel every 0.1 s.
+
+A stop is heard at the next report of the thread. So long a stage of an undisturbed run stayed silent at most:
+
+| stage | longest silence |
+| --- | ---: |
+{longest}
+
+![The panel idle, running, failed and done](images/panel.png)
+"""
+
+
+def _missing(found: dict[str, dict]) -> str:
+    """The scenarios that failed or were not run, as a paragraph."""
+    absent = [name for name in _MAKERS if name not in found]
+    return f"\nWithout a result: {', '.join(absent)}.\n" if absent else ""
+
+
+def _run(found: dict) -> list[Check]:
+    lines = [Check("a run, from the click to the result", f"{found['seconds']:.1f} s", "", not found["error"])]
+    for name, gap in found["intervals"].items():
+        held = gap["longest"] <= FREEZE
+        lines.append(Check(f"longest interval between {name}", f"{gap['longest']:.3f} s", f"{FREEZE} s", held))
+        lines.append(Check(f"95th percentile of {gap['number']}", f"{gap['p95']:.3f} s", "", True))
+    undone = found["made"] > 0 and found["left after undo"] == 0
+    said = f"{found['made']} made, {found['left after undo']} left"
+    return [*lines, Check("one undo takes the result's objects away", said, "0 left", undone)]
+
+
+def _cancel(found: dict) -> list[Check]:
+    lines = []
+    for stage, row in found["stages"].items():
+        if not row["stopped"]:
+            lines.append(Check(f"Esc at *{stage}*", "the run was over first", "", True))
+            continue
+        if row["said"] is None:
+            said, heard = "over before the next redraw", row["ended"] <= FREEZE
+        else:
+            said, heard = f"says so after {row['said']:.3f} s", row["said"] <= FREEZE
+        held = heard and row["ended"] <= STOP
+        ended = f"ends after {row['ended']:.2f} s"
+        lines.append(Check(f"Esc at *{stage}*", f"{said}, {ended}", f"{FREEZE} s, {STOP} s", held))
+    return lines
+
+
+def _load(found: dict) -> list[Check]:
+    held = found["ended"] and not found["running"] and found["runs again"]
+    return [Check("a file opened during a run", f"open after {found['seconds']:.2f} s, the thread ended", "", held)]
+
+
+def _quit(found: dict) -> list[Check]:
+    return [Check("Blender closed during a run", "exit code 0", "exit code 0", found["running"])]
+
+
+def _disable(found: dict) -> list[Check]:
+    held = found["ended"] and found["gone"] and found["back"]
+    return [Check("the extension disabled during a run", f"ended after {found['seconds']:.2f} s", "", held)]
+
+
+_MAKERS = {"run": _run, "cancel": _cancel, "load": _load, "quit": _quit, "disable": _disable}
