@@ -18,7 +18,7 @@ from build_extension import ROOT
 from window_root import Failed, blender_version, inside, make
 
 SCENARIOS = ("pictures", "run", "cancel", "load", "quit", "disable")
-LIMIT = 200.0
+LIMIT = 180.0
 """Seconds of one scenario."""
 BUTTON = [759, 435]
 """Generate, in pixels from the lower left of a window of 1100 x 1200 with the views of the example listed."""

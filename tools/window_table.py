@@ -86,6 +86,9 @@ def _run(found: dict) -> list[Check]:
 def _cancel(found: dict) -> list[Check]:
     lines = []
     for stage, row in found["stages"].items():
+        if row is None:
+            lines.append(Check(f"Esc at *{stage}*", "not reached in time", f"{FREEZE} s, {STOP} s", False))
+            continue
         if not row["stopped"]:
             lines.append(Check(f"Esc at *{stage}*", "the run was over first", "", True))
             continue
