@@ -1,4 +1,7 @@
-"""The image loss of the appearance stages (ARM, section 5.4): squared error, perceptual distance, structure."""
+"""The paper's losses (ARM, section 5.4).
+
+Of pictures: squared error, perceptual distance, structure. Of shapes: depth, mask and normals (equation 2).
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -57,6 +60,72 @@ def image_loss(
     if perceptual is not None:
         loss = loss + config.perceptual * perceptual(x.expand(-1, 3, -1, -1), y.expand(-1, 3, -1, -1))
     return loss
+
+
+@dataclass(frozen=True)
+class SurfaceMaps:
+    """What V views show of a surface.
+
+    Attributes:
+        mask: (V, H, W) opacity in [0, 1].
+        depth: (V, H, W) along the view axis, world units. Of the truth: infinity is background. Of a rendering: times
+            the opacity.
+        normal: (V, 3, H, W) world, outward, of unit length or shorter.
+    """
+
+    mask: Tensor
+    depth: Tensor
+    normal: Tensor
+
+
+@dataclass(frozen=True)
+class GeometryLossConfig:
+    """The paper's balance."""
+
+    depth: float = 0.5
+    """Weight of the absolute error of depth, the paper's lambda_z."""
+    mask: float = 1.0
+    """Weight of the squared error of the mask, lambda_M."""
+    normal: float = 0.2
+    """Weight of the distance of normals, lambda_n."""
+
+
+def geometry_loss(
+    found: SurfaceMaps,
+    truth: SurfaceMaps,
+    config: GeometryLossConfig = GeometryLossConfig(),
+    perceptual: Perceptual | None = None,
+) -> dict[str, Tensor]:
+    """The paper's L_geo, term by term; it is their sum.
+
+    Depth and normals are compared where both have an object: pixels count by the opacity found. Otherwise a pixel that
+    is half transparent would have half of the depth, and to fatten the object's outline would pay.
+
+    Args:
+        perceptual: compares pictures of normals, black where nothing is, as the paper does. Without it the term is one
+            minus the cosine.
+    Returns:
+        scalars: depth, mask, normal; finite for whatever depth the background has.
+    Raises:
+        ValueError: shapes differ.
+    """
+    for name in ("mask", "depth", "normal"):
+        if getattr(found, name).shape != getattr(truth, name).shape:
+            raise ValueError(f"{name}: {tuple(getattr(found, name).shape)}, {tuple(getattr(truth, name).shape)}")
+    seen = (truth.mask > 0.5) & truth.depth.isfinite()
+    count = seen.sum().clamp(min=1)
+    # Masked before the difference: infinity times zero is no number.
+    away = (found.depth - found.mask * torch.where(seen, truth.depth, 0.0)).abs()
+    if perceptual is None:
+        both = seen * found.mask.detach()
+        normal = ((1.0 - (found.normal * truth.normal).sum(dim=1)) * both).sum() / count
+    else:
+        normal = perceptual(*(0.5 * (maps.normal + 1.0) * maps.mask[:, None] for maps in (found, truth)))
+    return {
+        "depth": config.depth * (away * seen).sum() / count,
+        "mask": config.mask * (found.mask - truth.mask).square().mean(),
+        "normal": config.normal * normal,
+    }
 
 
 def similarity(x: Tensor, y: Tensor) -> Tensor:

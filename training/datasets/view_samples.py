@@ -1,0 +1,117 @@
+"""Samples that supervise what a network renders: all views of a rig with their true mask, depth and normals."""
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from arm_blender.graphics.color import linear_from_srgb
+from arm_blender.models.reconstruction import NetworkViews, ReconstructionConfig, network_views
+from arm_blender.structures import ViewSet
+
+from ..losses import SurfaceMaps
+from ..volume_rendering import Rays, pixel_rays
+from . import shards
+from .point_samples import rotation_z
+
+INPUTS = 6
+"""The first views of a rig are what the network sees."""
+
+
+@dataclass(frozen=True)
+class ViewSample:
+    """One rig of one object, V views of S x S pixels.
+
+    Attributes:
+        inputs: the first six views as the network takes them; B = 1.
+        c2w: (V, 4, 4).
+        K: (V, 3, 3) pixels.
+        truth: of all V views, at their resolution.
+        vertices: (N, 3) of the true surface, world: what must stay in the box.
+    """
+
+    inputs: NetworkViews
+    c2w: Tensor
+    K: Tensor
+    truth: SurfaceMaps
+    vertices: Tensor
+
+
+@dataclass(frozen=True)
+class Crop:
+    """A square window of each view.
+
+    Attributes:
+        rays: of its pixels, row by row: V of size * size.
+        cosine: (V, size * size) of the angle between ray and view axis.
+        truth: (V, size, size) maps.
+    """
+
+    rays: Rays
+    cosine: Tensor
+    truth: SurfaceMaps
+
+
+def load(path: Path, config: ReconstructionConfig) -> ViewSample:
+    """The sample of one `rig_<k>.npz`, for networks of `config`."""
+    names = ("rgba", "depth", "normal", "c2w", "K")
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in names}
+    images = torch.from_numpy(arrays["rgba"]).permute(0, 3, 1, 2).float() / 255.0
+    linear = torch.cat([linear_from_srgb(images[:INPUTS, :3]), images[:INPUTS, 3:]], dim=1)
+    cameras = shards.cameras(arrays)
+    views = ViewSet(linear, cameras[:INPUTS], torch.ones(len(linear)), path.parent.name)
+    truth = SurfaceMaps(
+        images[:, 3],
+        torch.from_numpy(arrays["depth"].astype(np.float32)),
+        torch.from_numpy(arrays["normal"]).permute(0, 3, 1, 2).float() / 127.0,
+    )
+    c2w, K = (torch.from_numpy(arrays[name]).float() for name in ("c2w", "K"))
+    vertices = shards.read_mesh(path.with_name("mesh.npz")).vertices
+    return ViewSample(network_views(views, config), c2w, K, truth, vertices)
+
+
+def moved(sample: ViewSample, generator: torch.Generator) -> ViewSample:
+    """The object turned about Z and made smaller at random, with its cameras and its truth; it stays in the box."""
+    angle, shrink = torch.rand(2, generator=generator).tolist()
+    turn = rotation_z(2.0 * math.pi * angle)
+    vertices = sample.vertices @ turn.T
+    scale = min(1.0, 0.99 / max(float(vertices.abs().amax()), 1e-6)) * (0.75 + 0.25 * shrink)
+
+    def carried(c2w: Tensor) -> Tensor:
+        c2w = c2w.clone()
+        c2w[..., :3, :] = turn @ c2w[..., :3, :]
+        c2w[..., :3, 3] = scale * c2w[..., :3, 3]
+        return c2w
+
+    normal = torch.einsum("ij,vjhw->vihw", turn, sample.truth.normal)
+    truth = SurfaceMaps(sample.truth.mask, scale * sample.truth.depth, normal)
+    inputs = replace(sample.inputs, c2w=carried(sample.inputs.c2w))
+    return ViewSample(inputs, carried(sample.c2w), sample.K, truth, scale * vertices)
+
+
+def crop(sample: ViewSample, chosen: Tensor, side: int, size: int, generator: torch.Generator) -> Crop:
+    """A window at random in each of the views of index `chosen`.
+
+    Args:
+        side: pixels that the whole image has at the resolution rendered; the truth is that of the nearest pixel.
+        size: pixels a side of the window, at most `side`.
+    """
+    own = sample.truth.mask.shape[-1]
+    low = (torch.rand(len(chosen), 2, generator=generator) * (side - size + 1)).floor().to(sample.c2w.device)
+    steps, chosen = torch.arange(size, device=low.device) + 0.5, chosen.to(low.device)
+    x, y = ((low[:, axis, None] + steps) * (own / side) for axis in (0, 1))  # (V, size) in the view's own pixels
+    pixels = torch.stack([x[:, None].expand(-1, size, -1), y[..., None].expand(-1, -1, size)], dim=-1)
+    c2w = sample.c2w[chosen]
+    rays = pixel_rays(pixels.flatten(1, 2), c2w, sample.K[chosen])
+    cosine = (rays.directions * -c2w[:, None, :3, 2]).sum(dim=-1)
+    view, row, column = chosen[:, None, None], y.long()[..., None], x.long()[:, None]
+    truth = SurfaceMaps(
+        sample.truth.mask[view, row, column],
+        sample.truth.depth[view, row, column],
+        sample.truth.normal.movedim(1, -1)[view, row, column].movedim(-1, 1),
+    )
+    return Crop(rays, cosine, truth)
