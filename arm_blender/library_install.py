@@ -11,6 +11,7 @@ import platform
 import shutil
 import subprocess
 import sys
+import sysconfig
 import threading
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -104,7 +105,10 @@ def _pip() -> list[str]:
         return [sys.executable, "-I", "-m", "pip"]
     bundled = importlib.util.find_spec("ensurepip")
     if bundled is not None:
-        wheels = sorted(Path(bundled.origin).parent.glob("_bundled/pip-*.whl"))
+        places = [Path(bundled.origin).parent / "_bundled"]
+        if shared := sysconfig.get_config_var("WHEEL_PKG_DIR"):  # Where distributions keep it.
+            places.append(Path(shared))
+        wheels = sorted(wheel for place in places for wheel in place.glob("pip-*.whl"))
         if wheels:
             return [sys.executable, "-I", str(wheels[0] / "pip")]
     raise ArmError(f"{sys.executable}: has no pip; install the libraries elsewhere, and name their folder instead")

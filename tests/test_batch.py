@@ -221,7 +221,9 @@ def test_whatever_ends_a_batch_leaves_only_whole_outputs(pipeline, pictures, tmp
     (tmp_path / "slow.py").write_text(source)
     main_code = "import sys; from arm_blender.__main__ import main, interrupts; interrupts.watch(interrupts.watched())"
     words = ["batch", str(pictures), "--output", str(tmp_path / "out"), "--jobs", str(jobs)]
-    code = f"import slow; slow.batch.WORKER = 'slow'; {main_code}; sys.exit(main({words!r}))"
+    # A shell that starts the tests in the background has them, and what they start, ignore an interrupt.
+    heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    code = f"{heed}; import slow; slow.batch.WORKER = 'slow'; {main_code}; sys.exit(main({words!r}))"
     environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
     started = subprocess.Popen([sys.executable, "-c", code], env=environment, stdout=subprocess.DEVNULL)
     out, deadline = tmp_path / "out", time.monotonic() + 100.0

@@ -198,7 +198,7 @@ def test_other_errors_pass_as_they_are():
     ],
 )
 def test_each_stage_has_its_own_remedy(views, monkeypatch, place, remedy):
-    monkeypatch.setattr(f"arm_blender.pipeline.{place}", lambda *_: allocator_error())
+    monkeypatch.setattr(f"arm_blender.pipeline.{place}", lambda *_, **__: allocator_error())
     with pytest.raises(OutOfMemory, match=remedy):
         pipeline.generate(views, TINY)
 
