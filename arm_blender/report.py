@@ -104,15 +104,28 @@ class Report:
         write_json(path, self.as_dict())
 
 
+_UNITS_PER_MIB = 2**20 if sys.platform == "darwin" else 2**10  # macOS counts bytes, Linux KiB.
+
+
 def peak_memory_mib() -> float | None:
     """Highest resident size of this process or of one of its children so far, MiB; None where no one counts it."""
+    own = own_peak_mib()
+    if own is None:
+        return None
+    import resource
+
+    return round(max(own, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / _UNITS_PER_MIB), 1)
+
+
+def own_peak_mib() -> float | None:
+    """As `peak_memory_mib`, of this process alone."""
+    # Linux lets a process inherit the peak of the one that started it; what is its own stands in its status.
+    status = Path("/proc/self/status")
+    found = re.search(r"VmHWM:\s*(\d+) kB", status.read_text()) if status.exists() else None
+    if found:
+        return int(found[1]) / 2**10
     try:
         import resource
     except ImportError:  # Windows has no getrusage.
         return None
-    own, children = (resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    # Linux lets a process inherit the peak of the one that started it; what is its own stands in its status.
-    status = Path("/proc/self/status")
-    found = re.search(r"VmHWM:\s*(\d+) kB", status.read_text()) if status.exists() else None
-    peak = max(int(found[1]) if found else own, children)
-    return round(peak / (2**20 if sys.platform == "darwin" else 2**10), 1)  # macOS counts bytes, Linux KiB.
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _UNITS_PER_MIB

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import torch
 
+from arm_blender.report import own_peak_mib
+
 
 @dataclass(frozen=True)
 class Section:
@@ -63,13 +65,7 @@ class PeakMemory:
 
     def gib(self) -> float:
         """Files that are mapped count where they have been read."""
-        status = Path("/proc/self/status")
-        if status.exists():
-            line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
-            return int(line.split()[1]) / 2**20  # KiB
-        import resource
-
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**30  # macOS counts bytes.
+        return own_peak_mib() / 2**10
 
 
 def machine() -> str:
