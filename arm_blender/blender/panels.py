@@ -206,12 +206,4 @@ def _draw_error(layout: bpy.types.UILayout, context: bpy.types.Context, message:
 
 classes = (ARM_PT_generate, ARM_PT_result)
 
-
-def register() -> None:
-    for cls in classes:
-        bpy.utils.register_class(cls)
-
-
-def unregister() -> None:
-    for cls in reversed(classes):
-        bpy.utils.unregister_class(cls)
+register, unregister = bpy.utils.register_classes_factory(classes)

@@ -204,12 +204,4 @@ def _show(context: bpy.types.Context, picture: Path) -> None:
 
 classes: Sequence[type] = (ARM_OT_relight, ARM_OT_light_scene)
 
-
-def register() -> None:
-    for cls in classes:
-        bpy.utils.register_class(cls)
-
-
-def unregister() -> None:
-    for cls in reversed(classes):
-        bpy.utils.unregister_class(cls)
+register, unregister = bpy.utils.register_classes_factory(classes)

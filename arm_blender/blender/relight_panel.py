@@ -81,12 +81,4 @@ class ARM_PT_export(bpy.types.Panel):
 
 classes = (ARM_PT_relight, ARM_PT_relight_sequence, ARM_PT_export)
 
-
-def register() -> None:
-    for cls in classes:
-        bpy.utils.register_class(cls)
-
-
-def unregister() -> None:
-    for cls in reversed(classes):
-        bpy.utils.unregister_class(cls)
+register, unregister = bpy.utils.register_classes_factory(classes)
