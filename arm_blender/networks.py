@@ -46,10 +46,10 @@ def check_weights(settings: Settings, report: Report, given_shape: bool = False)
     """
     if settings.random_weights is not None:
         return
+    known = {weights.name: weights.licence for weights in checkpoints.REGISTRY}
     for name in NETWORKS:
         if name != "georm" or not given_shape:
             header = checkpoints.read_header(settings.weights(name))
-            known = {weights.name: weights.licence for weights in checkpoints.REGISTRY}
             report.weights[header["name"]] = header.get("licence") or known.get(header["name"], "your own")
 
 

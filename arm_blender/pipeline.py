@@ -81,7 +81,7 @@ def generate(
             else:
                 dense = shape(views, settings, part(progress, *SHARES["shape"]), report)
                 mesh = decimate(dense, settings.resolved.faces)
-            dense = dense if mesh is not dense else None
+            dense = dense if settings.normal_map and mesh is not dense else None  # Else its memory is free.
         with report.stage("unwrap"), lower_if_short("unwrapping", "lower --faces"):
             mesh = atlas(mesh, settings, report, part(progress, *SHARES["unwrap"]))
         with report.stage("appearance"), lower_if_short("the material", "lower --texture-size"):
