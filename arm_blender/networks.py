@@ -21,6 +21,7 @@ from .models.random_weights import random_state
 from .models.reconstruction import ReconstructionConfig
 from .precision import chosen, running_in
 from .report import Report
+from .unallocated import unallocated
 
 NETWORKS: dict[str, tuple[type[nn.Module], type]] = {
     "georm": (GeoRM, ReconstructionConfig),
@@ -70,7 +71,7 @@ def load(name: str, settings: Settings) -> nn.Module:
         return _kept[key]
     network, config_type = NETWORKS[name]
     config, state = checkpoints.load(path, config_type)
-    with torch.device("meta"):
+    with unallocated():
         module = network(config)
     checkpoints.restore(module, state, path)
     module = _ready(module, settings.device)
@@ -103,7 +104,7 @@ def is_large(module: nn.Module) -> bool:
 
 def _with_random_weights(name: str, settings: Settings) -> nn.Module:
     preset = PRESETS[settings.preset]
-    with torch.device("meta"):
+    with unallocated():
         module = NETWORKS[name][0](getattr(preset, name))
     # One seed for all: GlossyRM begins with GeoRM's weights, as its training does.
     module.load_state_dict(random_state(module, settings.random_weights), assign=True)

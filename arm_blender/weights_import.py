@@ -20,6 +20,7 @@ from .models.image_encoder import ImageEncoder, ImageEncoderConfig
 from .models.material_encoder import MaterialEncoder, MaterialEncoderConfig
 from .models.reconstruction import INSTANTMESH, ReconstructionConfig
 from .models.triplane import Upsampler
+from .unallocated import unallocated
 
 DINO_LICENCE = "Apache-2.0"
 INSTANTMESH_LICENCE = "CC-BY-NC-4.0 (published as Apache-2.0, but trained from OpenLRM's weights)"
@@ -142,7 +143,7 @@ def georm_from_instantmesh(
     }
     mesh = any(key.startswith("synthesizer.decoder.net_sdf.") for key in theirs)
     config = _sized(config, theirs)
-    with torch.device("meta"):
+    with unallocated():
         own = GeoRM(config).state_dict()
     ours = key_maps.convert(theirs, key_maps.instantmesh(config, mesh), own, name)
     # Only the super-resolution is not theirs; the other 1.5 GB need not be made first.

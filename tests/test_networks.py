@@ -1,5 +1,7 @@
 """Networks find their weights, stay while they are worth their memory, and run in the precision that was chosen."""
 
+import subprocess
+import sys
 import weakref
 from pathlib import Path
 
@@ -228,3 +230,20 @@ def test_the_report_names_the_licences_of_what_a_run_needs(monkeypatch, tmp_path
         report = Report("instantmesh", "cpu", 0)
         networks.check_weights(Settings(), report, given)
         assert report.weights == expected == report.as_dict()["weights"]
+
+
+def test_networks_are_built_without_memory_and_without_the_compiler():
+    program = """
+import sys
+from arm_blender.config import PRESETS
+from arm_blender.models.georm import GeoRM
+from arm_blender.models.instant_albedo import InstantAlbedo
+from arm_blender.unallocated import unallocated
+for preset in PRESETS.values():
+    with unallocated():
+        networks = GeoRM(preset.georm), InstantAlbedo(preset.instant_albedo)
+    assert all(value.is_meta for network in networks for value in network.parameters())
+assert "torch._dynamo" not in sys.modules
+"""
+    done = subprocess.run([sys.executable, "-c", program], cwd=EXAMPLE.parents[1], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

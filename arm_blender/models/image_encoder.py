@@ -94,7 +94,8 @@ class ImageEncoder(nn.Module):
         self.config = config
         self.patch_embed = nn.Conv2d(3, config.width, config.patch_size, stride=config.patch_size)
         self.cls_token = nn.Parameter(torch.zeros(1, 1, config.width))
-        self.position = nn.Parameter(torch.randn(1, 1 + config.position_grid**2, config.width) * 0.02)
+        self.position = nn.Parameter(torch.empty(1, 1 + config.position_grid**2, config.width))
+        nn.init.normal_(self.position, std=0.02)
         self.camera_embedder = nn.Sequential(
             nn.Linear(CAMERA_VALUES, config.width), nn.SiLU(), nn.Linear(config.width, config.width)
         )

@@ -71,7 +71,8 @@ class TriplaneTransformer(nn.Module):
     def __init__(self, config: TransformerConfig, context_width: int) -> None:
         super().__init__()
         self.config = config
-        self.position = nn.Parameter(torch.randn(1, 3 * config.grid**2, config.width) / config.width**0.5)
+        self.position = nn.Parameter(torch.empty(1, 3 * config.grid**2, config.width))
+        nn.init.normal_(self.position, std=config.width**-0.5)
         self.layers = nn.ModuleList(TransformerBlock(config, context_width) for _ in range(config.layers))
         self.norm = nn.LayerNorm(config.width, eps=1e-6)
 

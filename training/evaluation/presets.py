@@ -6,13 +6,13 @@ The networks are built on the meta device: no weight is allocated, so that the p
 import argparse
 from pathlib import Path
 
-import torch
 from torch import nn
 
 from arm_blender.config import PRESETS
 from arm_blender.models.georm import GeoRM
 from arm_blender.models.glossyrm import GlossyRM
 from arm_blender.models.instant_albedo import InstantAlbedo
+from arm_blender.unallocated import unallocated
 
 from .results import fill_block, markdown_table
 
@@ -46,7 +46,7 @@ def presets_table() -> str:
 def network_parameters(preset: str) -> dict[str, int]:
     """Parameters of every network of a preset, and of the parts that they are made of."""
     configs = PRESETS[preset]
-    with torch.device("meta"):
+    with unallocated():
         geometry, glossy = GeoRM(configs.georm), GlossyRM(configs.glossyrm)
         colours = InstantAlbedo(configs.instant_albedo)
     counts = {"**GeoRM**": _count(geometry)}
