@@ -176,7 +176,7 @@ def pictures(watch: Watch) -> Scenario:
         yield 0.2
     space = area().spaces.active
     space.shading.type, space.region_3d.view_distance = "MATERIAL", 3.0
-    yield 4.0
+    yield 20.0  # Shaders are compiled by the processor here.
     shoot("done")
     space.shading.type = "SOLID"
     bpy.context.scene.arm.views_path = VIEWS.replace("barrel", "barel")
