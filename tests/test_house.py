@@ -27,6 +27,7 @@ LAYERS = [  # A module imports from its own layer and from earlier ones.
         "weights_folder",
         "threads",
         "interruptible",
+        "unallocated",
         "memory",
         "precision",
         "structures",

@@ -49,4 +49,10 @@ def test_a_stop_is_said_and_made_in_time(tool, said, ended, held):
 def test_the_page_states_machine_and_silences(tool):
     page = tool.document({"run": run_of(0.1)}, "A machine of its own")
     assert "A machine of its own" in page and "| reading | 0.30 s |" in page
-    assert "Without a result: cancel, load, quit, disable." in page
+    assert "Without a result: cancel, load, quit, disable, engines." in page
+
+
+@pytest.mark.parametrize("eevee, held", [(0.46, True), (0.54, True), (0.44, False), (0.56, False)])
+def test_two_engines_agree_within_a_tenth(tool, eevee, held):
+    (line,) = tool.checks({"engines": {"mean colors": {"studio": {"cycles": [0.5] * 3, "eevee": [eevee] * 3}}}})
+    assert line.held == held

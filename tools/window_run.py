@@ -17,7 +17,7 @@ import window_table
 from build_extension import ROOT
 from window_root import Failed, blender_version, inside, make
 
-SCENARIOS = ("pictures", "run", "cancel", "load", "quit", "disable")
+SCENARIOS = ("pictures", "run", "cancel", "load", "quit", "disable", "engines")
 LIMIT = 180.0
 """Seconds of one scenario."""
 BUTTON = [759, 435]

@@ -7,6 +7,9 @@ FREEZE = 0.25
 STOP = 1.0
 """Seconds until the thread of a run with `small` has ended."""
 
+ENGINES = 0.1
+"""By how much the mean colours of Cycles' and Eevee's previews may differ."""
+
 
 @dataclass(frozen=True)
 class Check:
@@ -116,4 +119,21 @@ def _disable(found: dict) -> list[Check]:
     return [Check("the extension disabled during a run", f"ended after {found['seconds']:.2f} s", "", held)]
 
 
-_MAKERS = {"run": _run, "cancel": _cancel, "load": _load, "quit": _quit, "disable": _disable}
+def _engines(found: dict) -> list[Check]:
+    lines = []
+    for environment, colors in found["mean colors"].items():
+        cycles, eevee = (sum(colors[engine]) / 3.0 for engine in ("cycles", "eevee"))
+        what = f"mean colour of Eevee's preview under *{environment}* against Cycles'"
+        bar, held = f"within {ENGINES:.0%}", abs(eevee / cycles - 1.0) <= ENGINES
+        lines.append(Check(what, f"{eevee:.3f} against {cycles:.3f} ({eevee / cycles - 1.0:+.1%})", bar, held))
+    return lines
+
+
+_MAKERS = {
+    "run": _run,
+    "cancel": _cancel,
+    "load": _load,
+    "quit": _quit,
+    "disable": _disable,
+    "engines": _engines,
+}

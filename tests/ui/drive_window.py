@@ -6,7 +6,6 @@ events pass. What it finds goes to /mnt/out as JSON. Mouse and keyboard are Blen
 
 import json
 import os
-import subprocess
 import sys
 import time
 import traceback
@@ -15,70 +14,19 @@ from pathlib import Path
 
 import addon_utils
 import bpy
+import numpy as np
 
-EXTENSION = "bl_ext.user_default.arm_blender"
-OUT, PROJECT = Path("/mnt/out"), Path("/mnt/project")
+sys.path.insert(0, str(Path(__file__).parent))
+from watch import Watch, stage_of
+from window import EXTENSION, OUT, PROJECT, area, in_view, module, shoot, state, window
+
 VIEWS = str(PROJECT / "examples" / "barrel")
 ESC_AT = 400, 400
 """A pixel of the 3D view, where no button is."""
-TICK, STEP = 0.02, 0.005
-"""Seconds between two ticks of the clock that is watched, and between two looks for an event."""
-REDRAW = 0.1
-"""Seconds from redraw to redraw of the panel: as often as the extension itself looks at its job. Drawn by the
-processor, more of them would take from the run what a graphics card does not."""
+STEP = 0.005
+"""Seconds between two looks for an event."""
 
 Scenario = Iterator[float]
-
-
-class Watch:
-    """When timers fired, the panel was drawn, and the thread reported; seconds on one clock."""
-
-    def __init__(self) -> None:
-        self.ticks: list[float] = []
-        self.draws: list[tuple[float, str]] = []
-        self.reports: list[tuple[float, str]] = []
-        self._asked = 0.0
-        bpy.app.timers.register(self._tick, persistent=True)
-
-    def _tick(self) -> float:
-        self.ticks.append(time.perf_counter())
-        if self.ticks[-1] - self._asked >= REDRAW:
-            self._asked = self.ticks[-1]
-            next(region for region in area().regions if region.type == "UI").tag_redraw()
-        return TICK
-
-    def attach(self) -> None:
-        """Listen to the panel's draws, and to the reports of jobs, as the extension has them now."""
-        panel, job = module("panels").ARM_PT_generate, module("job").Job
-        draw, report = panel.draw, job._progress
-
-        def drawn(shown, context) -> None:
-            draw(shown, context)
-            self.draws.append((time.perf_counter(), context.window_manager.arm.message))
-
-        def reported(own, fraction: float, message: str) -> None:
-            self.reports.append((time.perf_counter(), message))
-            report(own, fraction, message)
-
-        panel.draw, job._progress = drawn, reported
-
-    def intervals(self, since: float) -> dict[str, dict[str, float]]:
-        """Of timer events and of redraws: the longest interval and the 95th percentile."""
-        found = {}
-        for name, moments in (("timer events", self.ticks), ("redraws", [moment for moment, _ in self.draws])):
-            inside = [moment for moment in moments if moment >= since]
-            gaps = sorted(b - a for a, b in zip(inside, inside[1:], strict=False))
-            found[name] = {"longest": gaps[-1], "p95": gaps[int(0.95 * (len(gaps) - 1))], "number": len(gaps)}
-        return found
-
-    def silences(self, since: float) -> dict[str, float]:
-        """For each stage of a run the longest time that the thread went without a report: how late a stop may come."""
-        inside = [(moment, stage_of(message)) for moment, message in self.reports if moment >= since]
-        inside.append((time.perf_counter(), "end"))
-        longest: dict[str, float] = {}
-        for (begin, stage), (end, _) in zip(inside, inside[1:], strict=False):
-            longest[stage] = max(longest.get(stage, 0.0), end - begin)
-        return longest
 
 
 def run(watch: Watch) -> Scenario:
@@ -165,6 +113,32 @@ def disable(watch: Watch) -> Scenario:
     return result | {"gone": gone, "back": hasattr(bpy.types.Scene, "arm")}
 
 
+def engines(watch: Watch) -> Scenario:
+    """The previews of a new asset by Cycles and by Eevee: the mean displayed colour of the object in each."""
+    yield from click_generate()
+    while module("operators").is_running():
+        yield STEP
+    relight, made = module("relight"), window().view_layer.objects.active
+    found: dict[str, dict[str, float]] = {}
+    for engine in ("cycles", "eevee"):
+        config = relight.RelightConfig(engine=engine, resolution=256)
+        paths = relight.relight(made, relight.PREVIEW_ENVIRONMENTS, OUT / engine, config)
+        for environment, path in zip(relight.PREVIEW_ENVIRONMENTS, paths, strict=True):
+            found.setdefault(environment, {})[engine] = mean_color(path)
+            yield STEP
+    return {"mean colors": found}
+
+
+def mean_color(path: Path) -> list[float]:
+    """Of the opaque pixels of a picture, as displayed, in [0, 1]."""
+    image = bpy.data.images.load(str(path))
+    pixels = np.empty(len(image.pixels), np.float32)
+    image.pixels.foreach_get(pixels)
+    bpy.data.images.remove(image)
+    pixels = pixels.reshape(-1, 4)
+    return pixels[pixels[:, 3] > 0.99, :3].mean(axis=0).tolist()
+
+
 def pictures(watch: Watch) -> Scenario:
     """The panel idle, running, failed and done; nothing is measured here."""
     shoot("idle")
@@ -238,37 +212,15 @@ def prepare(watch: Watch) -> Scenario:
     yield 0.5
 
 
-def module(name: str):
-    return sys.modules[f"{EXTENSION}.arm_blender.blender.{name}"]
-
-
-def window() -> bpy.types.Window:
-    return bpy.context.window_manager.windows[0]
-
-
-def area() -> bpy.types.Area:
-    return next(area for area in window().screen.areas if area.type == "VIEW_3D")
-
-
-def in_view():
-    region = next(region for region in area().regions if region.type == "WINDOW")
-    return bpy.context.temp_override(window=window(), area=area(), region=region)
-
-
-def state():
-    return bpy.context.window_manager.arm
-
-
-def stage_of(message: str) -> str:
-    """The pictures are one stage, whatever their names."""
-    return "reading the pictures" if message.startswith("reading ") else message
-
-
-def shoot(name: str) -> None:
-    subprocess.run(["import", "-window", "root", OUT / f"{name}.png"], check=True)
-
-
-SCENARIOS = {"run": run, "cancel": cancel, "load": load, "quit": leave, "disable": disable, "pictures": pictures}
+SCENARIOS = {
+    "pictures": pictures,
+    "run": run,
+    "cancel": cancel,
+    "load": load,
+    "quit": leave,
+    "disable": disable,
+    "engines": engines,
+}
 
 
 def whole(name: str) -> Scenario:
