@@ -20,7 +20,7 @@ from window_root import Failed, blender_version, inside, make
 SCENARIOS = ("pictures", "run", "cancel", "load", "quit", "disable", "engines")
 LIMIT = 180.0
 """Seconds of one scenario."""
-BUTTON = [759, 435]
+BUTTON = [759, 413]
 """Generate, in pixels from the lower left of a window of 1100 x 1200 with the views of the example listed."""
 SIDEBAR = "258x1000+624+86"
 """What is cut out of the pictures."""

@@ -89,6 +89,8 @@ class GenerationRequest:
     """Texels a side at most; None leaves it to the quality."""
     faces: int | None = None
     """Triangles at most; None leaves it to the quality."""
+    normal_map: bool = False
+    """Bake the detail lost to the face budget; a mesh of the user's loses none."""
     seed: int = 0
     device: str = "auto"
     """"cpu", "cuda" or "mps"; "auto" is CUDA where PyTorch finds it, else the CPU."""
@@ -106,7 +108,17 @@ class GenerationRequest:
         } | {name: getattr(self, name) for name in PLAIN}
 
 
-PLAIN = ("elevation_deg", "fovy_deg", "rig_distance", "preset", "quality", "texture_size", "faces", "seed")
+PLAIN = (
+    "elevation_deg",
+    "fovy_deg",
+    "rig_distance",
+    "preset",
+    "quality",
+    "texture_size",
+    "faces",
+    "normal_map",
+    "seed",
+)
 """Fields of a request that are kept with its result as they are; device and threads are the machine's."""
 
 
@@ -141,6 +153,7 @@ def generate(request: GenerationRequest, progress: Progress) -> Generated:
         quality=request.quality,
         texture_size=request.texture_size,
         faces=request.faces,
+        normal_map=request.normal_map and request.mesh is None,
         seed=request.seed,
         device=device,
         threads=request.threads,

@@ -128,6 +128,7 @@ def _recall(context: bpy.types.Context, kept: dict) -> None:
     sizes = {item.identifier for item in settings.bl_rna.properties["texture_size"].enum_items}
     settings.texture_size = str(kept["texture_size"]) if str(kept["texture_size"]) in sizes else "AUTO"
     settings.faces = kept["faces"] or 0
+    settings.normal_map = kept["normal_map"]
     for own, name in (("elevation", "elevation_deg"), ("fovy", "fovy_deg"), ("rig_distance", "rig_distance")):
         if kept[name] is not None:
             setattr(settings, own, kept[name])

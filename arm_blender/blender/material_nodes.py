@@ -17,6 +17,9 @@ ColorSpace = Literal["sRGB", "Non-Color"]
 UV_MAP = "UVMap"
 """Of the mesh, where the maps lie."""
 
+NORMAL = "Normal"
+"""The node of a normal map."""
+
 _COLUMN = -640.0
 _ROW = 320.0
 
@@ -45,11 +48,14 @@ def image_from_map(name: str, texels: Tensor, color_space: ColorSpace) -> bpy.ty
     return image
 
 
-def build_material(name: str, maps: MaterialMaps) -> bpy.types.Material:
+def build_material(name: str, maps: MaterialMaps, normal: bpy.types.Image | None = None) -> bpy.types.Material:
     """One material that shows `maps` under any light.
 
     Base Color comes from the albedo, Roughness and Metallic from their map or, where that is constant, from a plain
     value. The baked colour stays at hand as a node that is connected to nothing.
+
+    Args:
+        normal: a normal map that is an image already; it is taken where `maps` have none.
     """
     material = bpy.data.materials.new(name)
     material["arm_maps"] = True  # Tells it from a material of the user's.
@@ -74,8 +80,9 @@ def build_material(name: str, maps: MaterialMaps) -> bpy.types.Material:
         tree.links.new(texture.outputs["Color"], surface.inputs[socket])
         textures.append(texture)
     if maps.normal is not None:
-        image = image_from_map(f"{name} normal", unit_from_normals(maps.normal), "Non-Color")
-        textures.append(_add_normal_map(tree, surface, image))
+        normal = image_from_map(f"{name} normal", unit_from_normals(maps.normal), "Non-Color")
+    if normal is not None:
+        textures.append(_add_normal_map(tree, surface, normal))
     baked = image_from_map(f"{name} baked", maps.baked, "sRGB")
     _add_texture(tree, baked, "Baked color: lighting of the views included", row=3)
     _frame(tree, textures, "Relightable maps")
@@ -85,7 +92,7 @@ def build_material(name: str, maps: MaterialMaps) -> bpy.types.Material:
 
 def _add_normal_map(tree: bpy.types.ShaderNodeTree, surface: bpy.types.Node, image: bpy.types.Image) -> bpy.types.Node:
     """The texture of a normal map, linked to `surface` through the node that takes it out of tangent space."""
-    texture = _add_texture(tree, image, "Normal", row=4)
+    texture = _add_texture(tree, image, NORMAL, row=4)
     turned = tree.nodes.new("ShaderNodeNormalMap")
     turned.uv_map = UV_MAP
     turned.location = (_COLUMN / 2.0, texture.location[1])

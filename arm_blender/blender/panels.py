@@ -46,6 +46,7 @@ class ARM_PT_generate(_InSidebar, bpy.types.Panel):
         options.prop(settings, "texture_size")
         if settings.shape == "NETWORK":
             options.prop(settings, "faces")
+            options.prop(settings, "normal_map")
         options.prop(settings, "seed")
         options.separator()
         if settings.shape == "NETWORK":
@@ -64,7 +65,8 @@ class ARM_PT_generate(_InSidebar, bpy.types.Panel):
             row = self.layout.row()
             row.scale_y = 1.5
             row.operator("arm.generate", icon="MESH_MONKEY")
-            _draw_error(self.layout, context, state.error)
+            if state.error != state.views_error:  # That stands beside the views already.
+                _draw_error(self.layout, context, state.error)
 
 
 class ARM_PT_result(_InSidebar, bpy.types.Panel):

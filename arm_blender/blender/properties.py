@@ -135,6 +135,11 @@ class ARM_PG_settings(bpy.types.PropertyGroup):
         min=0,
         soft_max=100_000,
     )
+    normal_map: BoolProperty(
+        name="Normal Map",
+        description="Bake the detail that is lost to the number of faces",
+        default=False,
+    )
     seed: IntProperty(name="Seed", description="The same seed gives the same result", default=0, min=0)
     placement: EnumProperty(
         name="Place",

@@ -35,6 +35,7 @@ def from_panel(context: bpy.types.Context, filepath: str = "") -> GenerationRequ
         quality=settings.quality,
         texture_size=None if settings.texture_size == "AUTO" else int(settings.texture_size),
         faces=settings.faces or None,
+        normal_map=settings.normal_map and settings.shape == "NETWORK",
         seed=settings.seed,
         **_machine(),
     )

@@ -9,7 +9,7 @@ import numpy as np
 from ..structures import MaterialMaps, RelightableAsset, UvMesh
 from ..version import VERSION
 from .compat import shader_tree
-from .material_nodes import UV_MAP, build_material
+from .material_nodes import NORMAL, UV_MAP, build_material
 
 
 def build_object(
@@ -63,6 +63,8 @@ def build_mesh(name: str, mesh: UvMesh) -> bpy.types.Mesh:
 def replace_maps(shown: bpy.types.Object, maps: MaterialMaps, settings: Mapping[str, object]) -> None:
     """Give an object that `build_object` made other maps on the same atlas; mesh, place and selection stay.
 
+    So does a normal map, which belongs to the mesh.
+
     The object gets a new material in its first slot. The old one goes with its images, unless it is used elsewhere or
     the user's own.
 
@@ -75,14 +77,16 @@ def replace_maps(shown: bpy.types.Object, maps: MaterialMaps, settings: Mapping[
         shown.data.materials.append(None)
     slot = shown.material_slots[0]
     old = slot.material
-    images = set()
+    images, normal = set(), None
     replaced = old is not None and "arm_maps" in old and old.users == 1
     if replaced:
         textures = (node for node in shader_tree(old).nodes if node.type == "TEX_IMAGE")
         images = {texture.image for texture in textures if texture.image is not None}
-        for block in (old, *images):
+        kept = shader_tree(old).nodes.get(NORMAL)
+        normal = kept.image if kept is not None else None
+        for block in {old, *images} - {normal}:
             block.name = f"old {block.name}"  # The new ones take their names.
-    slot.material = build_material(shown.name, maps)
+    slot.material = build_material(shown.name, maps, normal)
     _keep_settings(shown, settings)
     if replaced:
         bpy.data.materials.remove(old)

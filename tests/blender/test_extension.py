@@ -63,6 +63,7 @@ def test_registering_twice_leaves_nothing_behind(empty_file):
 def test_generating_in_the_background_waits_for_the_object(extension, answer, tmp_path):
     scene = bpy.context.scene.arm
     scene.texture_size, scene.faces, scene.seed, scene.placement = "1024", 5000, 7, "ground"
+    scene.normal_map = True
     scene.size, bpy.context.scene.cursor.location = 0.5, (3.0, -2.0, 5.0)
     assert bpy.ops.arm.generate("INVOKE_DEFAULT", filepath=str(tmp_path)) == {"FINISHED"}
     made = bpy.context.object
@@ -71,7 +72,7 @@ def test_generating_in_the_background_waits_for_the_object(extension, answer, tm
     assert min(corner[2] for corner in made.bound_box) == pytest.approx(0.0, abs=1e-6)
     (request,) = answer
     assert request.views == tmp_path
-    assert (request.texture_size, request.faces, request.seed) == (1024, 5000, 7)
+    assert (request.texture_size, request.faces, request.seed, request.normal_map) == (1024, 5000, 7, True)
     kept = json.loads(made["arm_settings"])
     assert kept["report"] == {"faces": 576} and kept["views"] == str(tmp_path) and kept["texture_size"] == 1024
     assert set(kept["versions"]) == {"arm", "blender", "torch"}
@@ -198,7 +199,16 @@ def test_a_request_becomes_settings_and_one_rising_progress(monkeypatch, tmp_pat
     monkeypatch.setattr(pipeline, "generate", generate)
     fractions = []
     request = generation.GenerationRequest(
-        tmp_path, None, (1.0, 0.0), 20.0, quality="draft", texture_size=256, faces=500, seed=9, threads=1
+        tmp_path,
+        None,
+        (1.0, 0.0),
+        20.0,
+        quality="draft",
+        texture_size=256,
+        faces=500,
+        normal_map=True,
+        seed=9,
+        threads=1,
     )
     made = generation.generate(request, lambda fraction, message: fractions.append(fraction))
     assert (made.asset.name, seen["loaded"], seen["mesh"]) == ("ring", tmp_path, None)
@@ -206,6 +216,7 @@ def test_a_request_becomes_settings_and_one_rising_progress(monkeypatch, tmp_pat
     assert (seen["options"].weights, seen["options"].elevation_deg) == ((1.0, 0.0), 20.0)
     settings = seen["settings"]
     assert (settings.quality, settings.texture_size, settings.faces) == ("draft", 256, 500)
+    assert settings.normal_map
     assert (settings.seed, settings.threads, made.report.seed) == (9, 1, 9)
     assert made.report.as_dict()["left_out"] == [{"what": "view 3", "why": "sees nothing"}]
     assert fractions == sorted(fractions) and fractions[-1] == 1.0

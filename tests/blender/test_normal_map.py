@@ -1,5 +1,7 @@
 """The tangent space of our normal maps is the one in which Blender decodes them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -10,7 +12,7 @@ from arm_blender.structures import RelightableAsset, UvMesh
 
 bpy = pytest.importorskip("bpy")
 from arm_blender.blender.material_nodes import build_material  # noqa: E402
-from arm_blender.blender.scene import build_mesh  # noqa: E402
+from arm_blender.blender.scene import build_mesh, build_object, replace_maps  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("empty_file")]
 
@@ -42,3 +44,15 @@ def test_a_normal_map_reaches_the_surface_as_data_in_tangent_space(asset):
     image = decoder.inputs["Color"].links[0].from_node.image
     assert image.colorspace_settings.name == "Non-Color"
     np.testing.assert_allclose(image.pixels[:3], [0.5, 0.5, 1.0], atol=0.51 / 255)
+
+
+def test_a_normal_map_stays_where_the_other_maps_are_replaced(asset):
+    flat = torch.tensor([0.0, 0.0, 1.0])[:, None, None].expand(3, 16, 16).contiguous()
+    shown = build_object(replace(asset, maps=replace(asset.maps, normal=flat)), {})
+    image, albedo = (shown.active_material.node_tree.nodes[name].image for name in ("Normal", "Albedo"))
+    name, old = image.name, albedo.name
+    replace_maps(shown, asset.maps, {})
+    nodes = shown.active_material.node_tree.nodes
+    assert nodes["Normal"].image == image and image.name == name
+    assert nodes["Albedo"].image.name == old and not [i for i in bpy.data.images if i.name.startswith("old ")]
+    assert any(node.type == "NORMAL_MAP" and node.outputs["Normal"].links for node in nodes)
