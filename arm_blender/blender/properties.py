@@ -11,13 +11,8 @@ from bpy.props import (
     StringProperty,
 )
 
+from .callbacks import views_changed
 from .compat import BLEND_RELATIVE
-
-
-def _views_changed(settings: "ARM_PG_settings", context: bpy.types.Context) -> None:
-    from . import view_list
-
-    view_list.look_soon(context)
 
 
 class ARM_PG_view(bpy.types.PropertyGroup):
@@ -46,14 +41,14 @@ class ARM_PG_settings(bpy.types.PropertyGroup):
             ("CAMERAS", "Scene Cameras", "The background images of the scene's cameras"),
         ),
         default="FILES",
-        update=_views_changed,
+        update=views_changed,
     )
     views_path: StringProperty(
         name="Views",
         description="One image, a folder with transforms.json, or a folder of six images in the rig's order",
         subtype="FILE_PATH",
         options=BLEND_RELATIVE,
-        update=_views_changed,
+        update=views_changed,
     )
     views: CollectionProperty(type=ARM_PG_view)
     views_of: StringProperty(description="What the list of views was read from")

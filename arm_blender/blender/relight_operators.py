@@ -8,7 +8,7 @@ import bpy
 from bpy.props import EnumProperty
 
 from ..errors import ArmError
-from .relight_properties import FROM_FILE
+from .callbacks import FROM_FILE
 
 PICTURE = "ARM Relight"
 """The image of the open file that shows the newest render."""

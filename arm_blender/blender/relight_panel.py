@@ -2,8 +2,8 @@
 
 import bpy
 
+from .callbacks import FROM_FILE
 from .relight_operators import PICTURE
-from .relight_properties import FROM_FILE
 
 
 class ARM_PT_relight(bpy.types.Panel):

@@ -1,46 +1,21 @@
 """What the user chooses for relighting, kept with the scene."""
 
-from pathlib import Path
-
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
+from .callbacks import environment_turned, environments
 from .compat import RELATIVE_PATH
-
-FROM_FILE = "FILE"
-"""The choice of a file of the user's own."""
-
-_shown: list[tuple[str, str, str]] = []
-"""What the menus show now: Blender keeps no reference to the words that it is given."""
-
-
-def _environments(_settings: bpy.types.PropertyGroup, _context: bpy.types.Context | None) -> list[tuple[str, str, str]]:
-    folder = Path(bpy.utils.system_resource("DATAFILES")) / "studiolights" / "world"
-    names = sorted(path.stem for path in folder.glob("*.exr"))
-    shipped = [(name, name.capitalize(), "Comes with Blender") for name in names]
-    _shown[:] = [*shipped, (FROM_FILE, "File", "An environment map of your own")]
-    return _shown
-
-
-def _turned(settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
-    """The scene's own light follows at once, where it is of ours."""
-    import math
-
-    from .studio import turn_environment
-
-    if context.scene.world is not None:
-        turn_environment(context.scene.world, math.degrees(settings.rotation))
 
 
 class ARM_PG_relight(bpy.types.PropertyGroup):
     """Environment, what turns, and how it is rendered."""
 
-    environment: EnumProperty(name="Environment", description="What lights the object", items=_environments)
+    environment: EnumProperty(name="Environment", description="What lights the object", items=environments)
     environment_file: StringProperty(
         name="File", description="An equirectangular .hdr or .exr", subtype="FILE_PATH", options=RELATIVE_PATH
     )
     compare: BoolProperty(name="Compare", description="Show a second environment beside the first", default=False)
-    second: EnumProperty(name="Second", description="What lights the object on the right", items=_environments)
+    second: EnumProperty(name="Second", description="What lights the object on the right", items=environments)
     second_file: StringProperty(
         name="File", description="An equirectangular .hdr or .exr", subtype="FILE_PATH", options=RELATIVE_PATH
     )
@@ -49,7 +24,7 @@ class ARM_PG_relight(bpy.types.PropertyGroup):
         description="Of the environment about the vertical",
         subtype="ANGLE",
         default=0.0,
-        update=_turned,
+        update=environment_turned,
     )
     turning: EnumProperty(
         name="Turn",

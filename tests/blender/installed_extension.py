@@ -99,13 +99,15 @@ def relight(output: Path) -> None:
 
 
 def export(output: Path) -> None:
-    target = output / "asset.glb"
-    faces = len(bpy.context.object.data.polygons)
-    bpy.ops.export_scene.gltf(filepath=str(target), use_selection=True)
+    made = bpy.context.object
+    name, faces = made.name, len(made.data.polygons)
+    assert bpy.ops.arm.export(directory=str(output), formats={"glb", "usd", "usdz", "obj"}) == {"FINISHED"}
+    (target,) = output.rglob("*.glb")
+    assert {".usda", ".usdz", ".obj", ".mtl"} <= {path.suffix for path in target.parent.iterdir()}
     bpy.ops.wm.read_factory_settings(use_empty=True)  # The extension goes with the preferences.
     bpy.ops.import_scene.gltf(filepath=str(target))
     (mesh,) = bpy.data.meshes
-    assert len(mesh.polygons) == faces
+    assert len(mesh.polygons) == faces and mesh.materials[0].name.startswith(name)
     bpy.ops.preferences.addon_enable(module=MODULE)
 
 
