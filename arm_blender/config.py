@@ -8,6 +8,7 @@ import torch
 
 from . import checkpoints
 from .errors import ArmError
+from .graphics.fairing import FairingConfig
 from .models import instant_albedo, reconstruction
 from .models.instant_albedo import InstantAlbedoConfig
 from .models.reconstruction import ReconstructionConfig
@@ -30,10 +31,18 @@ class Preset:
     """Preset whose weights of GlossyRM and InstantAlbedo are taken; None for its own."""
     grid: int | None = None
     """Samples of the density along a side of the box, whatever the quality; None follows the quality level."""
+    fairing: FairingConfig = FairingConfig()
+    """Of the surface, in units of the box [-1, 1]^3."""
 
 
 PRESETS: dict[str, Preset] = {
-    "small": Preset(reconstruction.SMALL, reconstruction.SMALL_GLOSSY, instant_albedo.SMALL),
+    "small": Preset(
+        reconstruction.SMALL,
+        reconstruction.SMALL_GLOSSY,
+        instant_albedo.SMALL,
+        # Its volume has cells of 0.04, whose steps show, and its surface lies inside of the outlines by a little.
+        fairing=FairingConfig(wavelength=0.14, swell=0.004),
+    ),
     "paper": Preset(reconstruction.PAPER, reconstruction.PAPER, instant_albedo.PAPER, grid=256),  # ARM, section 5.1.
     # InstantMesh has no networks of the material, and those of `small` need to know nothing of the shape's.
     "instantmesh": Preset(

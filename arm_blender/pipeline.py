@@ -9,8 +9,9 @@ from typing import Literal
 import torch
 
 from . import networks
-from .config import Settings
+from .config import PRESETS, Settings
 from .errors import CheckpointError, EmptyMeshError
+from .graphics.fairing import fair
 from .graphics.isosurface import extract
 from .graphics.sample_grid import Density, IsosurfaceConfig
 from .memory import lower_if_short
@@ -104,12 +105,12 @@ def generate(
 def shape(
     views: ViewSet, settings: Settings, progress: Progress = silent, report: Report | None = None
 ) -> TriangleMesh:
-    """GeoRM, its iso-surface, cleaned (ARM, section 5.1)."""
+    """GeoRM, its iso-surface, cleaned and freed of the grid's steps (ARM, section 5.1)."""
     report = report or Report(settings.preset, settings.device, settings.seed)
     surface = _surface(views, settings, report, part(progress, 0.0, 0.9))
     # By now the network's memory is free.
     progress(0.9, "cleaning the mesh")
-    return clean(surface)
+    return fair(clean(surface), PRESETS[settings.preset].fairing)
 
 
 def _surface(views: ViewSet, settings: Settings, report: Report, progress: Progress) -> TriangleMesh:
