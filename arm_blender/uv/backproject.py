@@ -6,6 +6,7 @@ from functools import partial
 
 import torch
 from torch import Tensor
+from torch.nn.functional import avg_pool2d
 
 from ..graphics.cameras import Camera, project, view_directions
 from ..graphics.color import srgb_from_linear
@@ -53,6 +54,9 @@ class BlendConfig:
     detail at random; too large keeps highlights and ghosts."""
     rounds: int = 3
     """Of finding what the views agree on. Fewer leave a strong outlier its pull."""
+    reach: float = 1.0 / 128.0
+    """Share of the texture's side over which views take turns. Without it what they show jumps from texel to texel, and
+    patches with hard edges stand in every highlight; too large lets a neighbour's outlier through."""
 
 
 BLENDS: dict[str, BlendConfig] = {
@@ -137,13 +141,14 @@ def blend(seen: TexelViews, weights: Tensor, config: BlendConfig = BlendConfig()
     size = seen.visibility.shape[-1]
     color = seen.color.new_zeros(3, size * size)
     total = seen.color.new_zeros(size * size)
+    standing = _standing(seen, weights, config).flatten(1)
     for texel in seen.seen.flatten().nonzero()[:, 0].split(BLEND_CHUNK):
         colors = seen.color.flatten(2)[:, :, texel]  # (V, 3, P)
-        trusted = seen.visibility.flatten(1)[:, texel] * weights.to(colors)[:, None]  # (V, P)
+        trusted = _trusted(seen, weights, texel)
         facing = seen.cosine.flatten(1)[:, texel] * (trusted > 0)
         # Over the squarest view's: a high power of a small cosine would leave nothing to divide by.
         best = facing.amax(dim=0).clamp(min=1e-6)
-        share = trusted * (facing / best) ** config.cosine_power * _agreement(colors, trusted, config)
+        share = trusted * (facing / best) ** config.cosine_power * standing[:, texel]
         color[:, texel] = (share[:, None] * colors).sum(dim=0) / share.sum(dim=0).clamp(min=1e-12)
         total[texel] = share.sum(dim=0) * best**config.cosine_power
     return color.view(3, size, size), total.view(size, size)
@@ -212,7 +217,44 @@ def _sight(
     return none.scatter(0, visible, free), none.scatter(0, visible, inner)
 
 
-def _agreement(colors: Tensor, trusted: Tensor, config: BlendConfig) -> Tensor:
+def _trusted(seen: TexelViews, weights: Tensor, texel: Tensor) -> Tensor:
+    """(V, P) the user's weight of every view at texels (P,); 0 where it sees nothing."""
+    return seen.visibility.flatten(1)[:, texel] * weights.to(seen.color)[:, None]
+
+
+def _standing(seen: TexelViews, weights: Tensor, config: BlendConfig) -> Tensor:
+    """(V, T, T) in [0, 1]: how far each view is to be followed at a texel; 0 where it sees nothing.
+
+    How well it agrees with the rest in the mean around the texel, and less near the border of what it sees: where a
+    view begins to see, it is hardly followed at first.
+    """
+    count, size = seen.visibility.shape[:2]
+    vote = seen.color.new_zeros(count, size * size)
+    for texel in seen.seen.flatten().nonzero()[:, 0].split(BLEND_CHUNK):
+        trusted = _trusted(seen, weights, texel)
+        vote[:, texel] = _vote(seen.color.flatten(2)[:, :, texel], trusted, config) * (trusted > 0)
+    standing = vote.view(count, size, size)
+    radius = round(config.reach * size)
+    if not radius:
+        return standing
+    own = seen.visibility & (weights > 0).to(seen.visibility.device)[:, None, None]
+    anyone = _around(own.any(dim=0).to(standing), radius).clamp(min=1e-6)
+    for view, sees in enumerate(own):
+        share = _around(sees.to(standing), radius).clamp(min=1e-6)
+        # A half is a straight border. What a view alone sees it is believed in, however narrow.
+        inside = (2.0 * share / anyone - 1.0).clamp(min=1e-3)
+        standing[view] = sees * inside * _around(standing[view], radius) / share
+    return standing
+
+
+def _around(plane: Tensor, radius: int) -> Tensor:
+    """(T, T) mean of `plane` around every texel: two boxes, one after the other."""
+    for _ in range(2):
+        plane = avg_pool2d(plane[None], 2 * radius + 1, stride=1, padding=radius)[0]
+    return plane
+
+
+def _vote(colors: Tensor, trusted: Tensor, config: BlendConfig) -> Tensor:
     """(V, P) in (0, 1]: how well each view agrees with the rest; 1 where fewer than three see the texel.
 
     Iteratively reweighted mean with the Geman-McClure weight, started from the plain mean.

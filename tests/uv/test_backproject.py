@@ -9,8 +9,8 @@ from torch import Tensor
 
 from arm_blender.graphics.cameras import Camera, orbit_camera, project
 from arm_blender.graphics.rasterize import interpolate, rasterize
-from arm_blender.structures import TexelMap, TexelViews, UvMesh, ViewSet
-from arm_blender.uv.backproject import BLENDS, BlendConfig, backproject, blend, texture_size_for
+from arm_blender.structures import TexelMap, UvMesh, ViewSet
+from arm_blender.uv.backproject import backproject, blend, texture_size_for
 from arm_blender.uv.texels import texel_map
 from arm_blender.views.rigs import zero123plus_rig
 
@@ -229,53 +229,6 @@ def test_a_grazing_view_counts_only_where_no_other_sees_the_texel() -> None:
     assert torch.equal(grazing, top) and float(alone.cosine[0][grazing].max()) < 0.2
     both = backproject(mesh, texels, views)
     assert torch.equal(both.visibility[1] & top, top) and not (both.visibility[0] & top).any()
-
-
-def conflicting(colors: list[float], cosines: list[float]) -> TexelViews:
-    """One texel that every view sees, in grey."""
-    count = len(colors)
-    return TexelViews(
-        torch.tensor(colors).view(count, 1, 1, 1).expand(count, 3, 1, 1),
-        torch.ones(count, 1, 1, dtype=torch.bool),
-        torch.zeros(count, 3),
-        torch.tensor(cosines).view(count, 1, 1),
-        torch.zeros(count, 1, 1, 2),
-    )
-
-
-def test_the_blend_of_two_views_is_their_weighted_mean() -> None:
-    seen = conflicting([0.2, 0.8], [1.0, 0.5])
-    color, total = blend(seen, torch.tensor([1.0, 3.0]), BlendConfig(cosine_power=2.0))
-    assert float(color[0]) == pytest.approx((0.2 * 1.0 + 0.8 * 3.0 * 0.25) / 1.75)
-    assert float(total) == pytest.approx(1.75)
-    assert float(blend(seen, torch.tensor([0.0, 3.0]))[0][0]) == pytest.approx(0.8)
-    nothing, total = blend(seen, torch.zeros(2))
-    assert not nothing.any() and not total.any()
-    with pytest.raises(ValueError, match="weights"):
-        blend(seen, torch.ones(3))
-
-
-def test_of_three_views_the_one_that_disagrees_counts_for_little() -> None:
-    for outlier in (0.0, 1.0):
-        seen = conflicting([0.40, outlier, 0.44], [0.7, 1.0, 0.7])  # The outlier looks most squarely.
-        assert float(blend(seen, torch.ones(3))[0][0]) == pytest.approx(0.42, abs=0.03)
-    agreeing = conflicting([0.4, 0.4, 0.4], [0.7, 1.0, 0.7])
-    assert float(blend(agreeing, torch.ones(3))[0][0]) == pytest.approx(0.4)
-
-
-def test_blends_differ_in_what_an_outlier_may_do() -> None:
-    seen = conflicting([0.40, 1.0, 0.44], [0.7, 1.0, 0.7])  # The outlier looks most squarely.
-    found = {name: float(blend(seen, torch.ones(3), config)[0][0]) for name, config in BLENDS.items()}
-    share = 0.7**4
-    assert found["weighted"] == pytest.approx((0.84 * share + 1.0) / (1.0 + 2.0 * share))
-    assert found["robust"] < 0.45 < 0.6 < found["weighted"]
-    # However grazing all views are, what they agree on stays.
-    grazing = conflicting([0.5, 0.5], [0.1, 0.12])
-    assert all(float(blend(grazing, torch.ones(2), c)[0][0]) == pytest.approx(0.5) for c in BLENDS.values())
-    # Two views never outvote each other: then the squarer one is nearly all that `sharpest` shows.
-    seen = conflicting([0.2, 0.8], [1.0, 0.8])
-    assert float(blend(seen, torch.ones(2), BLENDS["sharpest"])[0][0]) == pytest.approx(0.2, abs=1e-3)
-    assert float(blend(seen, torch.ones(2), BLENDS["robust"])[0][0]) > 0.3
 
 
 def test_a_texture_is_no_larger_than_the_views_can_fill() -> None:
