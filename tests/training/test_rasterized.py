@@ -160,8 +160,23 @@ def test_what_hangs_over_a_surface_takes_its_sky(table):
     # A square of half side a at height h over its middle hides this share of the cosine-weighted sky.
     a, h = 0.4, 0.6
     hidden = 4.0 / math.pi * a / math.hypot(a, h) * math.atan(a / math.hypot(a, h))
-    assert light.irradiance[middle].mean() / math.pi == pytest.approx(1.0 - hidden, abs=0.06)
-    assert light.irradiance[corner].mean() / math.pi == pytest.approx(1.0, abs=0.06)
+    assert light.irradiance[: len(up)][middle].mean() / math.pi == pytest.approx(1.0 - hidden, abs=0.06)
+    assert light.irradiance[: len(up)][corner].mean() / math.pi == pytest.approx(1.0, abs=0.06)
+
+
+def test_a_sheet_is_lit_from_both_sides():
+    """A square with light from below alone: seen from below it is as bright as the light, from above it is dark."""
+    corners = torch.tensor([[-0.8, -0.8, 0.0], [0.8, -0.8, 0.0], [0.8, 0.8, 0.0], [-0.8, 0.8, 0.0]])
+    sheet = rasterized_surface.surface_of(TriangleMesh(corners, torch.tensor([[0, 1, 2], [0, 2, 3]])))
+    radiance = torch.zeros(3, HEIGHT, WIDTH)
+    radiance[:, HEIGHT // 2 :] = 0.6
+    pictures = rasterized.rig_of(sheet, views((0, -60), (0, 60)), plain((1.0, 1.0, 1.0)), lighting(radiance))
+    below, above = linear_from_srgb(torch.from_numpy(pictures["rgba"]) / 255.0)[:, SIZE // 2, SIZE // 2, 0]
+    assert below == pytest.approx(0.6, abs=0.05)
+    assert above < 0.05
+    assert (
+        pictures["normal"][0, SIZE // 2, SIZE // 2, 2] < -120 and pictures["normal"][1, SIZE // 2, SIZE // 2, 2] > 120
+    )
 
 
 def test_the_sun_of_an_environment_is_taken_out_without_loss():

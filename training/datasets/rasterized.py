@@ -74,7 +74,7 @@ def random_rig(
         the arrays of a `rig_<k>.npz`, and material (V, S, S) uint8: indices into `LABELS`, `NOTHING` where none is.
     """
     finish = random_finish(library.textures, generator)
-    lighting = random_lighting(list(library.environments), generator)
+    lighting = random_lighting(library.environments, generator)
     return rig_of(surface, random_views(size, generator)[:views], finish, lighting)
 
 
@@ -140,22 +140,26 @@ def _points(
     pixel = fragments.mask.flatten().nonzero()[:, 0]
     face = fragments.face_id.flatten()[pixel]
     weights = fragments.barycentric.transpose(0, 1).flatten(1)[:, pixel].T  # (P, 3)
-    attributes = torch.cat([surface.vertices, surface.normals, light.irradiance, light.open], dim=1)
+    place = torch.cat([surface.vertices, surface.normals], dim=1)
+    flat, corner = face_normals(surface.vertices, surface.faces), surface.vertices[surface.faces[:, 0]]
+    eye = torch.stack([view.center for view in views])[pixel // fragments.face_id[0].numel()]
 
-    def mixed(face: Tensor, weights: Tensor) -> tuple[Tensor]:
+    def mixed(face: Tensor, weights: Tensor, eye: Tensor) -> tuple[Tensor, ...]:
         corners = surface.faces[face]
-        return (sum(weights[:, k, None] * attributes[corners[:, k]] for k in range(3)),)
+        # As in Cycles both sides of a face are the outside. The face tells, for a smooth normal may tip at an outline.
+        behind = (flat[face] * (eye - corner[face])).sum(dim=1, keepdim=True) < 0.0
+        lit = corners + len(surface.vertices) * behind
+        rows = (
+            torch.cat([place[corners[:, k]], light.irradiance[lit[:, k]], light.open[lit[:, k]]], 1) for k in range(3)
+        )
+        return sum(weights[:, k, None] * row for k, row in enumerate(rows)), behind
 
-    point, normal, irradiance, seen = in_pieces(mixed, face, weights)[0].split((3, 3, 3, 9), dim=1)
-    eyes = torch.stack([view.center for view in views])
-    each = pixel // fragments.face_id[0].numel()
-    view = functional.normalize(eyes[each] - point, dim=1)
+    found, behind = in_pieces(mixed, face, weights, eye)
+    point, normal, irradiance, seen = found.split((3, 3, 3, 9), dim=1)
     normal = functional.normalize(normal, dim=1)
-    # As in Cycles both sides of a face are the outside. The face tells, for a smooth normal may tip over at an outline.
-    flat = face_normals(surface.vertices, surface.faces)
-    away = (flat[face] * view).sum(dim=1, keepdim=True) < 0.0
     values, label = finish(point, normal, surface.part[surface.faces[face, 0]])
-    normal = torch.where(away, -normal, normal)
+    normal = torch.where(behind, -normal, normal)
+    view = functional.normalize(eye - point, dim=1)
     return SurfacePoints(point, normal, view, irradiance, seen, values), label, pixel
 
 

@@ -6,6 +6,7 @@ that scatter light, and convolved with GGX lobes of growing roughness (Karis 201
 
 import functools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -77,11 +78,18 @@ def read_radiance(path: Path) -> Tensor:
     return radiance[0] / mean
 
 
-def random_lighting(maps: list[Tensor], generator: torch.Generator) -> Lighting:
-    """One of the environments, or one made of a sky and soft boxes; turned, and perhaps with a sun or two.
+def random_lighting(maps: Sequence[Tensor], generator: torch.Generator) -> Lighting:
+    """Random light, made ready; arguments as of `random_sky`."""
+    return lighting(*random_sky(maps, generator))
+
+
+def random_sky(maps: Sequence[Tensor], generator: torch.Generator) -> tuple[Tensor, tuple[Sun, ...]]:
+    """One of the environments, or one made of a sky and soft boxes, turned; and perhaps a sun or two.
 
     Args:
         maps: of `read_radiance`; may be empty.
+    Returns:
+        (3, HEIGHT, WIDTH) radiance, and suns beside it.
     """
     # A third of the light is made: studios with area lights are rare among photographed environments.
     choice = int(torch.randint(len(maps) + max(1, len(maps) // 2), (), generator=generator))
@@ -90,7 +98,7 @@ def random_lighting(maps: list[Tensor], generator: torch.Generator) -> Lighting:
     exposure, odds = 0.6 + 0.8 * _random(generator), _random(generator)
     suns = tuple(_random_sun(generator) for _ in range(int(odds > 0.6) + int(odds > 0.9)))
     # Ambient light gives way to suns, so that pictures stay about as bright.
-    return lighting(radiance * (exposure / (1.0 + 0.7 * len(suns))), suns)
+    return radiance * (exposure / (1.0 + 0.7 * len(suns))), suns
 
 
 def lighting(radiance: Tensor, suns: tuple[Sun, ...] = ()) -> Lighting:

@@ -32,8 +32,8 @@ class VertexLight:
     """What is known of the light at the vertices.
 
     Attributes:
-        irradiance: (N, 3) of the environment and of the object's own light, without suns.
-        open: (N, 9) spherical harmonics of the share of light that is not hidden, by direction.
+        irradiance: (2 * N, 3) of the environment and of the object's own light, without suns; fronts, then backs.
+        open: (2 * N, 9) spherical harmonics of the share of light that is not hidden, by direction.
         own: (3,) mean radiance of the object.
     """
 
@@ -62,18 +62,19 @@ class SurfacePoints:
 
 def light_vertices(surface: Surface, lighting: Lighting, finish: Finish) -> VertexLight:
     """The light that arrives at the vertices of a surface."""
-    seen = surface.visible.float()
-    arriving = (surface.normals @ lighting.cones.permute(1, 0, 2).flatten(1)).clamp_(min=0.0)  # (N, D * 3)
+    seen, normals = surface.visible.float(), torch.cat([surface.normals, -surface.normals])
+    arriving = (normals @ lighting.cones.permute(1, 0, 2).flatten(1)).clamp_(min=0.0)  # (2 * N, D * 3)
     irradiance = (arriving.view(-1, DIRECTIONS, 3) * seen[..., None]).sum(dim=1)
-    cosine = (surface.normals @ directions().T).clamp_(min=0.0)
-    hidden = 1.0 - (cosine * seen).sum(dim=1) / cosine.sum(dim=1).clamp(min=1e-6)
+    cosine = (normals @ directions().T).clamp_(min=0.0)
+    hidden = 1.0 - (cosine * seen).sum(dim=1, keepdim=True) / cosine.sum(dim=1, keepdim=True).clamp(min=1e-6)
     direct = irradiance
     for sun in lighting.suns:
-        reached = seen[:, (directions() @ sun.direction).argmax()] * (surface.normals @ sun.direction).clamp(min=0.0)
+        reached = seen[:, (directions() @ sun.direction).argmax()] * (normals @ sun.direction).clamp(min=0.0)
         direct = direct + reached[:, None] * sun.power
-    albedo = finish(surface.vertices, surface.normals, surface.part)[0][:, :3]
-    own = (albedo * direct).mean(dim=0) / math.pi
-    return VertexLight(irradiance + math.pi * hidden[:, None] * own, _open(surface, seen), own)
+    albedo = finish(surface.vertices, surface.normals, surface.part)[0][:, :3].repeat(2, 1)
+    # What is not open, the inside above all, is not seen either.
+    own = (albedo * direct * (1.0 - hidden)).sum(dim=0) / (1.0 - hidden).sum().clamp(min=1e-6) / math.pi
+    return VertexLight(irradiance + math.pi * hidden * own, _open(normals, seen), own)
 
 
 def shade(points: SurfacePoints, surface: Surface, lighting: Lighting, own: Tensor) -> Tensor:
@@ -105,12 +106,12 @@ def harmonics(direction: Tensor) -> Tensor:
     ], dim=1)  # fmt: skip
 
 
-def _open(surface: Surface, seen: Tensor) -> Tensor:
+def _open(normals: Tensor, seen: Tensor) -> Tensor:
     """(N, 9): what each vertex sees, by direction, mirrored at its tangent plane.
 
     No reflection leads below the surface; that it hides the sky there must not darken those that just clear it.
     """
-    above = surface.normals @ directions().T > 0.0
+    above = normals @ directions().T > 0.0
     share = (seen * above).sum(dim=1, keepdim=True) / above.sum(dim=1, keepdim=True).clamp(min=1)
     # The mirrored half is approximated by the mean of the upper one, which keeps the open surface at exactly 1.
     filled = torch.where(above, seen, share)

@@ -52,7 +52,8 @@ class Surface:
         normals: (N, 3) unit.
         faces: (F, 3) int64.
         part: (N,) int64: the connected part of the object that a vertex belongs to.
-        visible: (N, D) bool: what the mesh lets reach a vertex from each of `directions()`.
+        visible: (2 * N, D) bool: what the mesh lets reach each vertex from each of `directions()` in front, and then,
+            as many shapes are sheets, behind.
     """
 
     vertices: Tensor
@@ -152,13 +153,14 @@ def unshadowed(points: Tensor, normals: Tensor, depth: Tensor, camera: Camera) -
 
 
 def visibility(vertices: Tensor, normals: Tensor, faces: Tensor) -> Tensor:
-    """(N, D) bool: whether the mesh lets each of `directions()` reach each vertex; the surface's own slope aside."""
-    found = torch.empty(DIRECTIONS, len(vertices), dtype=torch.bool)
+    """(2 * N, D) bool: whether the mesh lets each of `directions()` reach each vertex in front, and each behind."""
+    points, lift = vertices.repeat(2, 1), torch.cat([normals, -normals])
+    found = torch.empty(DIRECTIONS, len(points), dtype=torch.bool)
     for group in torch.arange(DIRECTIONS).split(16):
         cameras = [sky_camera(directions()[k]) for k in group.tolist()]
         depth = rasterize_views(vertices, faces, cameras).depth
         for k, buffer, camera in zip(group.tolist(), depth, cameras, strict=True):
-            found[k] = unshadowed(vertices, normals, buffer, camera)
+            found[k] = unshadowed(points, lift, buffer, camera)
     return found.T.contiguous()
 
 
