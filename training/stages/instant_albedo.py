@@ -1,7 +1,7 @@
 """Fit InstantAlbedo: predicted atlases, rendered into the truth views, against what the views show (ARM, section 5.4).
 
-The loss is the paper's, in image space over all views of a rig; a render is a look-up, as each pixel's place in the
-atlas is known beforehand (`training.datasets.atlases`).
+The loss is the paper's, in image space over all views of a rig; a render is a look-up, as each pixel's face is known
+beforehand (`training.datasets.atlas_lookup`).
 """
 
 import argparse
@@ -12,7 +12,6 @@ from pathlib import Path
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from arm_blender import checkpoints
 from arm_blender.graphics.color import srgb_from_linear
@@ -82,7 +81,7 @@ def sample_loss(
     model: InstantAlbedo, atlas: Atlas, settings: FitConfig, random: torch.Generator
 ) -> tuple[Tensor, dict[str, float]]:
     """Loss of the prediction, with gradient, and that of the blend of the views, which is what it must beat."""
-    views = torch.randperm(len(atlas.uv), generator=random)[: settings.views]
+    views = torch.randperm(len(atlas.baked), generator=random)[: settings.views]
     albedo, baked = model(atlas.images, atlas.texels, atlas.seen, atlas.base)
     loss = atlas_loss(albedo, baked, atlas, views, settings)
     with torch.no_grad():
@@ -92,12 +91,13 @@ def sample_loss(
 
 def atlas_loss(albedo: Tensor, baked: Tensor, atlas: Atlas, views: Tensor, settings: FitConfig) -> Tensor:
     """The paper's L_albedo of two predicted textures (3, T, T), linear, over the truth views with these indices."""
-    rows, columns = _window(atlas.mask[views])
-    uv, mask = atlas.uv[views, rows, columns], atlas.mask[views, rows, columns]
+    rows, columns = _window(atlas.lookup.mask[views])
+    lookup = atlas.lookup.part(views, rows, columns)
+    shown = srgb_from_linear(lookup.render(torch.cat([baked, albedo])))
     truth = (image[views, :, rows, columns] for image in (atlas.baked, atlas.albedo))
     return sum(
-        image_loss(render(x, uv), y, mask, settings.loss, settings.perceptual)
-        for x, y in zip((baked, albedo), truth, strict=True)
+        image_loss(x, y, lookup.mask, settings.loss, settings.perceptual)
+        for x, y in zip(shown.split(3, dim=1), truth, strict=True)
     )
 
 
@@ -113,15 +113,6 @@ def _window(mask: Tensor) -> tuple[slice, slice]:
         # Half a window of SSIM on each side.
         found.append(slice(max(0, min(low - 5, size - 11)), min(size, max(high + 5, 11))))
     return found[0], found[1]
-
-
-def render(texture: Tensor, uv: Tensor) -> Tensor:
-    """(V, 3, S, S) sRGB: a linear texture (3, T, T) looked up at uv (V, S, S, 2), v up."""
-    grid = torch.stack([2.0 * uv[..., 0] - 1.0, 1.0 - 2.0 * uv[..., 1]], dim=-1)
-    looked_up = functional.grid_sample(
-        texture.expand(len(uv), -1, -1, -1), grid, padding_mode="border", align_corners=False
-    )
-    return srgb_from_linear(looked_up)
 
 
 def augment(atlas: Atlas, channels: Tensor, angle: float) -> Atlas:
@@ -143,8 +134,7 @@ def augment(atlas: Atlas, channels: Tensor, angle: float) -> Atlas:
         texels=TexelMap(turned(texels.position), turned(texels.normal), texels.mask),
         seen=replace(seen, color=seen.color[:, channels], eyes=seen.eyes @ turn.T),
         base=atlas.base[channels],
-        uv=atlas.uv,
-        mask=atlas.mask,
+        lookup=atlas.lookup,
         baked=atlas.baked[:, channels],
         albedo=atlas.albedo[:, channels],
     )
@@ -165,12 +155,12 @@ def validate(model: InstantAlbedo, files: list[Path], settings: FitConfig) -> di
     for path in files[: settings.validate]:
         atlas = atlases.load(path, 0)
         albedo, baked = model(atlas.images, atlas.texels, atlas.seen, atlas.base)
-        inside = atlas.mask[:, None].expand(-1, 3, -1, -1)
+        inside = atlas.lookup.mask[:, None].expand(-1, 3, -1, -1)
         if not inside.any():
             continue
         pairs = ((albedo, atlas.albedo), (baked, atlas.baked), (atlas.base, atlas.albedo), (atlas.base, atlas.baked))
         for values, (texture, truth) in zip(found.values(), pairs, strict=True):
-            error = (render(texture, atlas.uv) - truth)[inside].square().mean()
+            error = (srgb_from_linear(atlas.lookup.render(texture)) - truth)[inside].square().mean()
             values.append(float(-10.0 * torch.log10(error.clamp(min=1e-10))))
     return {name: sum(values) / len(values) for name, values in found.items() if values}
 
