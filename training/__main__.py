@@ -32,6 +32,7 @@ STAGES = {
     "georm": ("training.stages.georm_occupancy", "GeoRM, warmed up on occupancy"),
     "georm-volume": ("training.stages.georm_volume", "GeoRM, by rendering its density: the paper's first stage"),
     "glossyrm": ("training.stages.glossyrm", "GlossyRM: roughness and metallic at surface points"),
+    "material-prior": ("training.stages.material_prior", "InstantAlbedo's encoder, on materials that are known"),
     "instant-albedo": ("training.stages.instant_albedo", "InstantAlbedo: albedo and lighting-baked colour"),
 }
 

@@ -18,6 +18,7 @@ from arm_blender.models.unet import UnetConfig
 from arm_blender.models.vit import VitConfig
 from arm_blender.structures import UvMesh
 from training.datasets import atlases
+from training.datasets.atlas_augmentation import augment
 from training.datasets.shards import save_arrays
 from training.stages import instant_albedo as stage
 from training.trainer import TrainerConfig
@@ -70,13 +71,15 @@ def rig() -> dict[str, np.ndarray]:
     mesh, albedo = cube(), linear_from_srgb(painted())
     angles = [(30 + 60 * k, (20, -10)[k % 2]) for k in range(6)] + [(0, 60), (90, 10), (180, -60), (270, 40)]
     views = [orbit_camera(azimuth, elevation, 3.5, 30.0, SIZE, SIZE) for azimuth, elevation in angles]
-    arrays = {"rgba": [], "albedo": [], "c2w": [], "K": []}
+    arrays = {"rgba": [], "albedo": [], "roughness": [], "metallic": [], "c2w": [], "K": []}
     for camera in views:
         uv, shown = places(mesh, camera)
         for key, texture in (("rgba", SHADE * albedo), ("albedo", albedo)):
             image = srgb_from_linear(looked_up(texture, uv[None]))[0].permute(1, 2, 0) * shown[..., None]
             image = torch.cat([image, shown[..., None].float()], dim=-1) if key == "rgba" else image
             arrays[key].append((image * 255.0).round().to(torch.uint8).numpy())
+        for key, value in (("roughness", 153), ("metallic", 255)):
+            arrays[key].append((value * shown).to(torch.uint8).numpy())
         arrays["c2w"].append(camera.c2w.numpy())
         arrays["K"].append(camera.K.numpy())
     return {key: np.stack(values) for key, values in arrays.items()}
@@ -169,7 +172,7 @@ def test_fewer_input_views_are_a_part_of_all(cache, atlas):
 
 def test_augmentation_changes_colours_and_frame_alike(atlas):
     channels = torch.tensor([2, 0, 1])
-    changed = stage.augment(atlas, channels, math.pi / 2)
+    changed = augment(atlas, channels, math.pi / 2)
     assert torch.allclose(changed.seen.cosine, atlas.seen.cosine)
     assert torch.allclose(facing(changed), atlas.seen.cosine, atol=1e-5)
     x, y, z = atlas.texels.position
