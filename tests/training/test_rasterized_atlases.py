@@ -77,9 +77,13 @@ def test_a_mesh_without_an_atlas_is_passed_over(source, tmp_path):
     flat = tmp_path / "flat" / "mesh.npz"
     flat.parent.mkdir()
     save_arrays(flat, {"vertices": torch.zeros(3, 3).numpy(), "faces": torch.tensor([[0, 1, 2]]).int().numpy()})
-    alone = replace(source, meshes=[flat])
+    alone = replace(source, meshes=[flat], without=set())
     with pytest.raises(ArmError, match="no object that can be unwrapped"):
         alone.draw(torch.Generator().manual_seed(0))
+    mixed = replace(source, meshes=[flat, source.meshes[0]], without=set())
+    first = [mixed.draw(torch.Generator().manual_seed(seed)).baked for seed in (3, 4, 5)]
+    assert mixed.without == {flat}
+    assert all(torch.equal(mixed.draw(torch.Generator().manual_seed(3 + k)).baked, first[k]) for k in (2, 1, 0))
 
 
 def test_instant_albedo_overfits_one_sample(sample):

@@ -18,7 +18,7 @@ from arm_blender.graphics.color import bytes_from_unit, linear_from_srgb, srgb_f
 from arm_blender.graphics.connectivity import face_components
 from arm_blender.graphics.rasterize import rasterize_uv, rasterize_views
 from arm_blender.structures import TexelMap, TexelViews, UvMesh, ViewSet
-from arm_blender.uv.backproject import backproject, blend
+from arm_blender.uv.backproject import BackprojectConfig, backproject, blend
 from arm_blender.uv.decimate import clean, decimate
 from arm_blender.uv.maps import diffuse_fill, pad
 from arm_blender.uv.texels import texel_map
@@ -166,20 +166,25 @@ def sample_arrays(
     rig: dict[str, np.ndarray],
     size: int,
     subsets: Tensor,
+    depth_resolution: int = BackprojectConfig.depth_resolution,
 ) -> dict[str, np.ndarray]:
     """The arrays of one file: a rig in texture space.
 
     Args:
         rig: of the same object, rendered or rasterised.
         size: texels a side.
-        subsets: (K, 6) bool: choices of input views.
+        subsets: (K, 6) bool: choices of input views. What none of them chooses is not back-projected.
+        depth_resolution: pixels of the z-buffers that tell what a view sees.
     """
     views = cameras(rig)
     rgba = torch.from_numpy(rig["rgba"]).permute(0, 3, 1, 2) / 255.0
-    images = torch.cat([linear_from_srgb(rgba[:INPUTS, :3]), rgba[:INPUTS, 3:]], dim=1)
-    texels = texel_map(mesh, size)
-    seen = backproject(mesh, texels, ViewSet(images, views[:INPUTS], torch.ones(INPUTS), "sample"))
-    bases = torch.stack([_base(texels, seen, subset) for subset in subsets])
+    texels, used = texel_map(mesh, size), subsets.any(dim=0).nonzero()[:, 0]
+    images = torch.cat([linear_from_srgb(rgba[used, :3]), rgba[used, 3:]], dim=1)
+    inputs = ViewSet(images, tuple(views[k] for k in used), torch.ones(len(used)), "sample")
+    seen = backproject(mesh, texels, inputs, BackprojectConfig(depth_resolution=depth_resolution))
+    bases = torch.stack([_base(texels, seen, subset[used]) for subset in subsets])
+    color = torch.zeros(INPUTS, 3, size, size).index_copy_(0, used, seen.color)
+    visible = torch.zeros(INPUTS, size, size, dtype=torch.bool).index_copy_(0, used, seen.visibility)
     fragments = rasterize_views(mesh.vertices, mesh.faces, views)
     # Of the truth only what is opaque: beyond its outline there is nothing to compare with.
     shown = fragments.mask & (rgba[:, 3] == 1.0)
@@ -191,8 +196,8 @@ def sample_arrays(
         "position": texels.position.half().numpy(),
         "normal": (texels.normal * 127.0).round().to(torch.int8).numpy(),
         "chart": chart.int().numpy(),
-        "color": _bytes(seen.color),
-        "visible": np.packbits(seen.visibility.numpy(), axis=-1),
+        "color": _bytes(color),
+        "visible": np.packbits(visible.numpy(), axis=-1),
         "subsets": subsets.numpy(),
         "bases": _bytes(bases),
         "face": torch.where(shown, fragments.face_id, -1).int().numpy(),

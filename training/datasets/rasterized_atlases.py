@@ -27,11 +27,12 @@ class RasterizedAtlases:
     """Random samples of some shapes.
 
     Attributes:
-        meshes: `mesh.npz` files; those that turn out to have no atlas are dropped from the list.
+        meshes: `mesh.npz` files.
         folder: where shapes are kept.
         library: of materials and light.
         resolution: pixels a side of the pictures.
         config: of the atlases.
+        without: those of the meshes that turned out to have no atlas.
     """
 
     meshes: list[Path]
@@ -39,6 +40,7 @@ class RasterizedAtlases:
     library: Library
     resolution: int = 192
     config: AtlasConfig = field(default_factory=AtlasConfig)
+    without: set[Path] = field(default_factory=set)
 
     def draw(self, generator: torch.Generator) -> Atlas:
         """A sample that depends on the generator alone, not on what is kept.
@@ -46,16 +48,18 @@ class RasterizedAtlases:
         Raises:
             ArmError: no mesh is left that can be unwrapped.
         """
-        while self.meshes:
+        while len(self.without) < len(self.meshes):
             path = self.meshes[int(torch.randint(len(self.meshes), (), generator=generator))]
-            shape = self.shape(path)
+            shape = None if path in self.without else self.shape(path)
             if shape is None:
-                self.meshes.remove(path)
+                # Not taken out of the list: what is drawn next must not depend on what was drawn before.
+                self.without.add(path)
                 continue
             mesh, surface = shape
             rig = rasterized.random_rig(surface, self.library, self.resolution, generator)
             subset = random_subsets(2, generator)[int(torch.rand((), generator=generator) < 0.67)]
-            return atlas_of(sample_arrays(mesh, rig, self.config.size, subset[None]), 0)
+            # Two pixels of the z-buffer for each of the pictures', as at inference.
+            return atlas_of(sample_arrays(mesh, rig, self.config.size, subset[None], 2 * self.resolution), 0)
         raise ArmError(f"{self.folder}: no object that can be unwrapped; give other --shards")
 
     def shape(self, path: Path) -> tuple[UvMesh, Surface] | None:
