@@ -7,6 +7,7 @@ that the rasteriser reads, suns are lamps. What differs is how light travels, an
 import argparse
 import math
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -29,7 +30,7 @@ from arm_blender.uv.maps import pad
 from arm_blender.uv.texels import texel_map
 
 from ..evaluation.results import markdown_table, paragraphs, write_text
-from ..evaluation.shading_blender import read_linear, write_linear
+from ..evaluation.shading_blender import ball, parametric, read_linear, ring, vase, write_linear
 from . import atlases, rasterized, shards
 from .rasterized_lights import Sun, lighting, random_sky
 from .rasterized_materials import Finish, random_finish
@@ -133,21 +134,25 @@ def brightness(found: Tensor, truth: Tensor, inside: Tensor) -> float:
     return float((weights @ found[:3, inside].clamp(0, 1)).mean() / (weights @ truth[:3, inside].clamp(0, 1)).mean())
 
 
-def scenes(folder: Path, count: int, library: rasterized.Library, seed: int) -> list[tuple[str, Scene]]:
-    """Random objects of a folder of shards, each under a random finish and light."""
-    generator = torch.Generator().manual_seed(seed)
-    meshes, found = shards.meshes(folder), []
+def shapes(folder: Path | None, count: int, generator: torch.Generator) -> Iterator[tuple[str, UvMesh]]:
+    """Random objects of a folder of shards, with an atlas; without a folder surfaces that any machine can make."""
+    if folder is None:
+        for name, point in list({"ring": ring, "vase": vase, "ball": ball}.items())[:count]:
+            yield name, parametric(point, 128, 64)
+        return
+    meshes = shards.meshes(folder)
     for index in torch.randperm(len(meshes), generator=generator).tolist():
-        mesh = atlases.unwrapped(meshes[index], atlases.AtlasConfig(size=TEXTURE))
-        if mesh is None:
-            continue
-        surface = surface_of(TriangleMesh(mesh.vertices, mesh.faces))
-        finish = random_finish(library.textures, generator)
-        radiance, suns = random_sky(library.environments, generator)
-        found.append((meshes[index].parent.name, Scene(mesh, surface, finish, radiance, suns)))
-        if len(found) == count:
-            break
-    return found
+        mesh = atlases.unwrapped(meshes[index], atlases.AtlasConfig(size=TEXTURE)) if count else None
+        if mesh is not None:
+            count -= 1
+            yield meshes[index].parent.name, mesh
+
+
+def scene_of(mesh: UvMesh, library: rasterized.Library, generator: torch.Generator) -> Scene:
+    """A mesh under a random finish and light."""
+    surface = surface_of(TriangleMesh(mesh.vertices, mesh.faces))
+    finish = random_finish(library.textures, generator)
+    return Scene(mesh, surface, finish, *random_sky(library.environments, generator))
 
 
 def sheet(rows: list[tuple[str, Tensor]], columns: int) -> Image.Image:
@@ -163,8 +168,10 @@ def sheet(rows: list[tuple[str, Tensor]], columns: int) -> Image.Image:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--shards", type=Path, required=True, help="folder of objects with mesh.npz")
-    parser.add_argument("--data", type=Path, help="folder with manifest.json; ARM_DATA by default")
+    parser.add_argument("--shards", type=Path, help="folder of objects with mesh.npz; without it, shapes are made")
+    parser.add_argument(
+        "--data", type=Path, help="textures and environments; ARM_DATA by default, else made ones alone"
+    )
     parser.add_argument("--objects", type=int, default=10, help="each is seen twice")
     parser.add_argument("--resolution", type=int, default=160, help="pixels a side")
     parser.add_argument("--samples", type=int, default=64, help="of Cycles, a pixel")
@@ -175,23 +182,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Render, compare, and write the table and the picture."""
     library, rows, pictures = rasterized.read_library(args.data), [], []
-    compared = scenes(args.shards, args.objects, library, args.seed)
-    if not compared:
-        raise ArmError(f"{args.shards}: no object could be unwrapped; render more with `python -m training render`")
-    for number, (name, scene) in enumerate(compared):
-        generator = torch.Generator().manual_seed(args.seed + number)
-        cameras = rasterized.random_views(args.resolution, generator)[4:6]
+    generator = torch.Generator().manual_seed(args.seed)
+    for number, (name, mesh) in enumerate(shapes(args.shards, args.objects, generator)):
+        scene = scene_of(mesh, library, generator)
+        cameras = rasterized.random_views(args.resolution, torch.Generator().manual_seed(args.seed + number))[4:6]
         with tempfile.TemporaryDirectory() as folder:
             truth = by_cycles(scene, cameras, args.samples, Path(folder))
         found, bare = ours(scene, cameras), ours(scene, cameras, shadows=False)
         for view in range(len(cameras)):
-            alpha = torch.minimum(truth[view, 3], found[view, 3])
-            inside = -functional.max_pool2d(-alpha[None, None], 3, stride=1, padding=1)[0, 0] > 0.999
-            numbers = [psnr(x[view], truth[view], inside) for x in (found, bare)]
-            rows.append([f"{name}, {view}", *numbers, brightness(found[view], truth[view], inside)])
-            shown = [srgb_from_linear(x[view, :3]) * x[view, 3:] + 1.0 - x[view, 3:] for x in (truth, found)]
-            captions = (f"Cycles {name}"[:26], f"ours {numbers[0]:.1f} dB", "4 x difference")
-            pictures += zip(captions, (*shown, 4.0 * (shown[0] - shown[1]).abs()), strict=True)
+            row, shown = compared(truth[view], found[view], bare[view])
+            rows.append([f"{name}, {view}", *row])
+            captions = (f"Cycles {name}"[:26], f"ours {row[0]:.1f} dB", "4 x difference")
+            pictures += zip(captions, shown, strict=True)
+    if not rows:
+        raise ArmError(f"{args.shards}: no object could be unwrapped; render more with `python -m training render`")
     means = [sum(row[k] for row in rows) / len(rows) for k in (1, 2, 3)]
     header = ["object, view", "ours, dB", "ours without shadows, dB", "brightness, ours over Cycles"]
     text = paragraphs(
@@ -203,3 +207,15 @@ def run(args: argparse.Namespace) -> int:
     sheet(pictures, 6).save(args.output / "comparison.png")
     print(text)
     return 0
+
+
+def compared(truth: Tensor, found: Tensor, bare: Tensor) -> tuple[list[float], list[Tensor]]:
+    """Numbers of a view (4, H, W): dB of ours, dB without shadows, brightness; pictures of Cycles, ours, difference.
+
+    Along the outline the filters differ; what is compared lies a pixel inside of it.
+    """
+    alpha = torch.minimum(truth[3], found[3])
+    inside = -functional.max_pool2d(-alpha[None, None], 3, stride=1, padding=1)[0, 0] > 0.999
+    numbers = [psnr(found, truth, inside), psnr(bare, truth, inside), brightness(found, truth, inside)]
+    shown = [srgb_from_linear(x[:3]) * x[3:] + 1.0 - x[3:] for x in (truth, found)]
+    return numbers, [*shown, 4.0 * (shown[0] - shown[1]).abs()]
