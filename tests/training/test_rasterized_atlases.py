@@ -16,8 +16,8 @@ from arm_blender.models.material_encoder import MaterialEncoderConfig
 from arm_blender.models.unet import UnetConfig
 from arm_blender.models.vit import VitConfig
 from training.datasets.atlas_lookup import AtlasLookup
-from training.datasets.atlases import AtlasConfig
-from training.datasets.rasterized import Library, random_views, rig_of
+from training.datasets.atlases import AtlasConfig, sample_arrays
+from training.datasets.rasterized import Library, random_rig, random_views, rig_of
 from training.datasets.rasterized_atlases import RasterizedAtlases
 from training.datasets.rasterized_lights import HEIGHT, WIDTH, lighting
 from training.datasets.rasterized_materials import Finish, Procedural, random_pattern
@@ -193,3 +193,26 @@ def test_instant_albedo_begins_with_the_prior(folder, tmp_path):
     for ablation in ("no-material-prior", "random-material-prior"):
         with pytest.raises(ArmError, match=f"{ablation} takes no --material-prior"):
             instant_albedo.start_encoder(InstantAlbedo(TINY.ablated(ablation)), output)
+
+
+def test_a_share_of_the_samples_is_rasterised_and_held_out_objects_are_not(source, tmp_path, monkeypatch):
+    """A rasterised rig stands in for a rendered one; of two objects the second is held out, and never drawn."""
+    samples, drawn = tmp_path / "cache", []
+    samples.mkdir()
+    for path in source.meshes:
+        mesh, surface = source.shape(path)
+        rig = random_rig(surface, NOTHING_STORED, 64, torch.Generator().manual_seed(0))
+        save_arrays(
+            samples / f"{path.parent.name}.rig_0.npz",
+            sample_arrays(mesh, rig, 32, torch.ones(1, 6, dtype=torch.bool), 128),
+        )
+    draw = RasterizedAtlases.draw
+    monkeypatch.setattr(RasterizedAtlases, "draw", lambda self, random: drawn.append(self.meshes) or draw(self, random))
+    output, settings = tmp_path / "x.safetensors", instant_albedo.FitConfig(views=2, held_out=2, rasterized=1.0)
+    config = TrainerConfig(minutes=1e-9)
+    ablated = TINY.ablated("random-material-prior")
+    instant_albedo.fit(samples, ablated, output, config, settings=settings, rasterized=source)
+    assert [[path.parent.name for path in meshes] for meshes in drawn] == [["cube"]]
+    header = checkpoints.read_header(output)
+    assert (header["rasterized_share"], header["material_prior"], header["samples"]) == ("1.0", "random", "1")
+    assert checkpoints.load(output, InstantAlbedoConfig)[0] == ablated

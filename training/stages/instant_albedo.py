@@ -79,7 +79,7 @@ def fit(
         start_encoder(model, material_prior)
     if rasterized is not None:
         hidden = {owner(path) for path in held_out}
-        rasterized = replace(rasterized, meshes=[p for p in rasterized.meshes if p.parent.name not in hidden])
+        rasterized = replace(rasterized, meshes=[p for p in rasterized.meshes if owner(p.parent) not in hidden])
     output.parent.mkdir(parents=True, exist_ok=True)
     trainer = Trainer(model, trainer_config, output.with_suffix(".resume"))
 
@@ -165,7 +165,7 @@ def _window(mask: Tensor) -> tuple[slice, slice]:
 
 
 def owner(path: Path) -> str:
-    """The object of a sample: its file's name up to the first dot."""
+    """The object of a sample or of a folder of shards: its name up to the first dot."""
     return path.name.split(".")[0]
 
 
