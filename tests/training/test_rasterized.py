@@ -192,6 +192,20 @@ def test_the_sun_of_an_environment_is_taken_out_without_loss():
     torch.testing.assert_close(parts, whole, rtol=0.02, atol=0.0)
 
 
+@pytest.mark.parametrize("roughness", [0.0, 1.0])
+@pytest.mark.parametrize("metallic", [0.0, 1.0])
+@pytest.mark.parametrize("radiance", [0.0, 1e5])
+def test_light_and_material_at_their_ends_give_numbers(table, roughness, metallic, radiance):
+    sun = Sun(torch.tensor([0.0, -0.6, 0.8]), torch.full((3,), radiance), 0.0)
+    light = lighting(torch.full((3, HEIGHT, WIDTH), radiance), (sun,))
+    finish = plain((1.0, 0.0, 0.5), roughness, metallic)
+    found = rasterized.light_vertices(table, light, finish)
+    points, _, _ = rasterized.points_in_views(table, views((0, 60)), finish, found)
+    color = rasterized.shade(points, table, light, found.own)
+    assert len(color) > 100
+    assert color.isfinite().all() and color.min() >= 0.0
+
+
 def test_a_box_keeps_its_edges_and_a_ball_is_smooth(ball):
     cube = rasterized_surface.surface_of(box((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5)))
     assert cube.normals.abs().amax(dim=1).min() > 0.9999

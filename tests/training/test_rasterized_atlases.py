@@ -81,9 +81,9 @@ def test_a_mesh_without_an_atlas_is_passed_over(source, tmp_path):
     with pytest.raises(ArmError, match="no object that can be unwrapped"):
         alone.draw(torch.Generator().manual_seed(0))
     mixed = replace(source, meshes=[flat, source.meshes[0]], without=set())
-    first = [mixed.draw(torch.Generator().manual_seed(seed)).baked for seed in (3, 4, 5)]
+    first = [mixed.draw(torch.Generator().manual_seed(seed)).baked for seed in (3, 4)]
     assert mixed.without == {flat}
-    assert all(torch.equal(mixed.draw(torch.Generator().manual_seed(3 + k)).baked, first[k]) for k in (2, 1, 0))
+    assert all(torch.equal(mixed.draw(torch.Generator().manual_seed(3 + k)).baked, first[k]) for k in (1, 0))
 
 
 def test_instant_albedo_overfits_one_sample(sample):

@@ -111,7 +111,7 @@ def rig_of(surface: Surface, views: Sequence[Camera], finish: Finish, lighting: 
     finer = rasterize_views(surface.vertices, surface.faces, [view.resized(2 * size, 2 * size) for view in views])
     alpha = functional.avg_pool2d(finer.mask[:, None].float(), 2)
     vertex_light = light_vertices(surface, lighting, finish)
-    points, label, pixel = _points(surface, views, finish, fragments, vertex_light)
+    points, label, pixel = points_in_views(surface, views, finish, vertex_light, fragments)
     color = shade(points, surface, lighting, vertex_light.own)
     columns = torch.cat([color, points.values, points.normal], dim=1)  # (P, 11)
     flat = columns.new_zeros(len(views) * size * size, columns.shape[1]).index_copy_(0, pixel, columns)
@@ -133,10 +133,19 @@ def rig_of(surface: Surface, views: Sequence[Camera], finish: Finish, lighting: 
     }
 
 
-def _points(
-    surface: Surface, views: Sequence[Camera], finish: Finish, fragments: Fragments, light: VertexLight
+def points_in_views(
+    surface: Surface,
+    views: Sequence[Camera],
+    finish: Finish,
+    light: VertexLight,
+    fragments: Fragments | None = None,
 ) -> tuple[SurfacePoints, Tensor, Tensor]:
-    """Every pixel that shows the surface, the kind of its material (P,), and where it is in the flat pictures (P,)."""
+    """Every pixel that shows the surface, the kind of its material (P,), and where it is in the flat pictures (P,).
+
+    `fragments` are those of the views, found here where they are not given.
+    """
+    if fragments is None:
+        fragments = rasterize_views(surface.vertices, surface.faces, views)
     pixel = fragments.mask.flatten().nonzero()[:, 0]
     face = fragments.face_id.flatten()[pixel]
     weights = fragments.barycentric.transpose(0, 1).flatten(1)[:, pixel].T  # (P, 3)

@@ -188,7 +188,7 @@ def _without_sun(radiance: Tensor) -> tuple[Tensor, tuple[Sun, ...]]:
     bright = around & (luminance > 4.0 * _luminance(background) + 1e-6)
     beyond = (lights.power - background * (lights.power / radiance.flatten(1).T.clamp(min=1e-9))) * bright[:, None]
     power = beyond.clamp(min=0.0).sum(dim=0)
-    if _luminance(power) < SUN_SHARE * total:
+    if _luminance(power) <= SUN_SHARE * total:
         return radiance, ()
     share = _luminance(beyond.clamp(min=0.0))
     direction = functional.normalize((share[:, None] * lights.direction).sum(dim=0), dim=0)

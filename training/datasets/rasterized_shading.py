@@ -107,15 +107,14 @@ def harmonics(direction: Tensor) -> Tensor:
 
 
 def _open(normals: Tensor, seen: Tensor) -> Tensor:
-    """(N, 9): what each vertex sees, by direction, mirrored at its tangent plane.
+    """(2 * N, 9): how much of the sky each vertex sees, by direction.
 
-    No reflection leads below the surface; that it hides the sky there must not darken those that just clear it.
+    Below its tangent plane it counts as seeing as much as above in the mean: no reflection leads there, and smooth
+    harmonics would let what is hidden there darken reflections that just clear the plane. An open surface has 1.
     """
     above = normals @ directions().T > 0.0
     share = (seen * above).sum(dim=1, keepdim=True) / above.sum(dim=1, keepdim=True).clamp(min=1)
-    # The mirrored half is approximated by the mean of the upper one, which keeps the open surface at exactly 1.
-    filled = torch.where(above, seen, share)
-    return filled @ (_basis() * (4.0 * math.pi / DIRECTIONS))
+    return torch.where(above, seen, share) @ (_basis() * (4.0 * math.pi / DIRECTIONS))
 
 
 @functools.cache
