@@ -7,7 +7,7 @@ linear map reads them off the encoder's features, so that these hold them; it is
 
 import argparse
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import torch
@@ -35,13 +35,15 @@ PRESETS = {"small": SMALL.encoder, "paper": PAPER.encoder}
 class PriorConfig:
     """What one step sees, and what is kept for validation."""
 
-    views: int = 4
-    """Pictures of one object a step, 1 to 10."""
+    objects: int = 2
+    """Objects a step. One alone shows few materials, and its gradient points at them."""
+    views: int = 2
+    """Pictures of each, 1 to 10."""
     label: float = 0.3
     """Weight of the kinds' cross entropy; that of the BRDF's mean absolute error is 1."""
     held_out: int = 20
     """One object in so many is kept for validation."""
-    validate: int = 8
+    validate: int = 20
     """Held-out objects at most in a validation."""
 
 
@@ -92,6 +94,11 @@ def material_sample(rig: dict[str, object]) -> MaterialSample:
     return MaterialSample(images, torch.from_numpy(rig["material"]).long(), values)
 
 
+def joined(samples: list[MaterialSample]) -> MaterialSample:
+    """The pictures of several samples."""
+    return MaterialSample(*(torch.cat([getattr(x, f.name) for x in samples]) for f in fields(MaterialSample)))
+
+
 def prior_loss(model: MaterialPrior, sample: MaterialSample, config: PriorConfig) -> tuple[Tensor, dict[str, float]]:
     """Cross entropy of the kinds and mean absolute error of the BRDF, over the pixels that show something.
 
@@ -139,7 +146,9 @@ def fit(
         return material_sample(random_rig(surface_at(path, cache), library, size, random, settings.views))
 
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
-        return prior_loss(trainer.model, drawn(training, distributed.generator(seed, index)), settings)
+        random = distributed.generator(seed, index)
+        samples = [drawn(training, random) for _ in range(settings.objects)]
+        return prior_loss(trainer.model, joined(samples), settings)
 
     def check(model: MaterialPrior) -> dict[str, float]:
         chosen = held_out[: settings.validate]
@@ -183,7 +192,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--output", type=Path, required=True, help="checkpoint to write")
     parser.add_argument("--preset", choices=PRESETS, default="small")
     parser.add_argument("--minutes", type=float, default=60.0, help="of the whole fit")
-    parser.add_argument("--views", type=int, default=PriorConfig.views, help="pictures a step, 1 to 10")
+    parser.add_argument("--objects", type=int, default=PriorConfig.objects, help="objects a step")
+    parser.add_argument("--views", type=int, default=PriorConfig.views, help="pictures of each, 1 to 10")
     parser.add_argument("--learning-rate", type=float, default=5e-4)
     parser.add_argument("--seed", type=int, default=0)
 
@@ -192,9 +202,11 @@ def run(args: argparse.Namespace) -> int:
     """Fit; returns the exit status."""
     if not 1 <= args.views <= 10:
         raise ArmError(f"--views {args.views}: give 1 to 10")
+    if args.objects < 1:
+        raise ArmError(f"--objects {args.objects}: give 1 or more")
     config = TrainerConfig(minutes=args.minutes, learning_rate=args.learning_rate, weight_decay=0.0)
     meshes, library = shards.meshes(args.shards), read_library(args.data)
-    settings = PriorConfig(views=args.views)
+    settings = PriorConfig(args.objects, args.views)
     cache = args.cache / "surfaces"
     fit(meshes, cache, library, PRESETS[args.preset], args.output, config, args.seed, settings)
     return 0
