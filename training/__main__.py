@@ -16,6 +16,7 @@ from arm_blender.errors import ArmError
 
 COMMANDS = {
     "render": ("training.datasets.render_blender", "render objects into shards, or into evaluation views"),
+    "rasterized": ("training.datasets.rasterized_blender", "compare views rasterised on the fly with Cycles'"),
     "prepare": ("training.datasets.occupancy", "sample signed distances to the rendered objects"),
     "evaluate": ("training.evaluation.evaluate", "measure geometry against the truth and the visual hull"),
     "sweep": ("training.evaluation.sweep", "error against run time, each knob in turn"),
@@ -31,6 +32,7 @@ STAGES = {
     "georm": ("training.stages.georm_occupancy", "GeoRM, warmed up on occupancy"),
     "georm-volume": ("training.stages.georm_volume", "GeoRM, by rendering its density: the paper's first stage"),
     "glossyrm": ("training.stages.glossyrm", "GlossyRM: roughness and metallic at surface points"),
+    "material-prior": ("training.stages.material_prior", "InstantAlbedo's encoder, on materials that are known"),
     "instant-albedo": ("training.stages.instant_albedo", "InstantAlbedo: albedo and lighting-baked colour"),
 }
 

@@ -7,7 +7,8 @@ predicts, on a coarse atlas, how much brighter each colour is than the blend of 
 from the views at full resolution and an untrained network already returns the blend.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import torch
 from torch import Tensor, nn
@@ -30,6 +31,25 @@ _LOG_GAIN = 2.5
 """Bound on the logarithm of a correction: twelve times brighter or darker."""
 
 
+Ablation = Literal[
+    "none",
+    "no-measurements",
+    "no-material-prior",
+    "random-material-prior",
+    "local-unet",
+    "unified-material",
+    "no-super-resolution",
+]
+"""What is left out or replaced, to see what it is for (ARM, section 6 and supplement).
+
+Without measurements the networks see all about a view but its colours. Without the material prior there is no encoder;
+with a random one it begins at random weights. The local U-Net stands in for FFC-Net. Unified: roughness and metallic
+are predicted here, too. Without super-resolution colours are predicted on the networks' coarse atlas and enlarged."""
+
+_BLIND = ("no-measurements", "no-super-resolution")
+"""Ablations that must not see or correct the blend of the views."""
+
+
 @dataclass(frozen=True)
 class InstantAlbedoConfig:
     """The paper's networks; where it is silent, docs of the parts say what was chosen."""
@@ -44,6 +64,18 @@ class InstantAlbedoConfig:
     """Texels a side that the networks run at; None is the atlas's own, as in the paper. Corrections are smoother."""
     residual: bool = False
     """Predict corrections of the blended views, not colours; the paper predicts colours."""
+    ablation: Ablation = "none"
+    """A part that is left out; weights fit no other choice."""
+
+    def __post_init__(self) -> None:
+        if self.ablation not in get_args(Ablation):
+            raise ValueError(f"ablation {self.ablation!r}, expected one of {', '.join(get_args(Ablation))}")
+        if self.residual and self.ablation in _BLIND:
+            raise ValueError(f"{self.ablation}: corrections of the blend cannot do without it; residual must be off")
+
+    def ablated(self, ablation: Ablation) -> "InstantAlbedoConfig":
+        """This config without a part."""
+        return replace(self, ablation=ablation, residual=self.residual and ablation not in _BLIND)
 
     @property
     def multiple(self) -> int:
@@ -74,17 +106,32 @@ class InstantAlbedo(nn.Module):
     def __init__(self, config: InstantAlbedoConfig) -> None:
         super().__init__()
         self.config = config
-        self.encoder = MaterialEncoder(config.encoder)
-        self.unet = Unet(_VIEW_CHANNELS + config.encoder.out_channels, config.unet)
+        channels = _VIEW_CHANNELS - (3 if config.ablation == "no-measurements" else 0)
+        self.encoder = None
+        if config.ablation != "no-material-prior":
+            self.encoder = MaterialEncoder(config.encoder)
+            channels += config.encoder.out_channels
+        self.unet = Unet(channels, config.unet)
         # Fused features, any-seen mask, position, normal; a correction must also see what it corrects, and where.
         fused = config.unet.out_channels + 7 + (4 if config.residual else 0)
-        self.ffc = FfcGenerator(fused, 6, config.ffc)
+        predicted = 8 if config.ablation == "unified-material" else 6
+        if config.ablation == "local-unet":
+            self.ffc = Unet(fused, replace(config.unet, out_channels=predicted, stem_stride=1))
+        else:
+            self.ffc = FfcGenerator(fused, predicted, config.ffc)
         if config.residual:
             nn.init.zeros_(self.ffc.last.weight)
             nn.init.zeros_(self.ffc.last.bias)
 
     def forward(self, images: Tensor, texels: TexelMap, seen: TexelViews, base: Tensor) -> tuple[Tensor, Tensor]:
-        """Colours of the atlas.
+        """Colours of the atlas: the first two of `predict`."""
+        albedo, baked, _ = self.predict(images, texels, seen, base)
+        return albedo, baked
+
+    def predict(
+        self, images: Tensor, texels: TexelMap, seen: TexelViews, base: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor | None]:
+        """What the networks say of the atlas.
 
         Args:
             images: (V, 4, H, W) linear, straight alpha: the views that `seen` was made from.
@@ -93,6 +140,7 @@ class InstantAlbedo(nn.Module):
             base: (3, T, T) linear: the blend of the views, filled where no view sees a covered texel.
         Returns:
             albedo, baked: (3, T, T) linear in [0, 1]; meaningless where no chart lies.
+            gloss: (2, T, T) roughness and metallic in [0, 1]; None but in the ablation that predicts them.
         Raises:
             ValueError: shapes disagree, or the resolution does not suit the networks.
         """
@@ -109,15 +157,18 @@ class InstantAlbedo(nn.Module):
             known_base = torch.where(texels.mask, base, base.new_zeros(()))
             inputs += [surface[:1], srgb_from_linear(_mean(known_base, surface[:1]))]
         predicted = self.ffc(torch.cat(inputs)[None])[0].float()  # (6, n, n)
+        predicted, gloss = predicted[:6], predicted[6:].sigmoid() if len(predicted) > 6 else None
+        if gloss is not None:
+            gloss = _enlarge(gloss, surface[:1], side)
         if self.config.residual:
             gain = _enlarge(_LOG_GAIN * torch.tanh(predicted / _LOG_GAIN), surface[:1], side)
             # What a view sees is the baked colour; only what no view sees is the network's to say.
             unseen = 1.0 - _enlarge(_mean((seen.seen & texels.mask)[None].float(), surface[:1]), surface[:1], side)
-            return _scaled(_scaled(base, gain[:3]), gain[3:]), _scaled(base, unseen * gain[:3])
+            return _scaled(_scaled(base, gain[:3]), gain[3:]), _scaled(base, unseen * gain[:3]), gloss
         colors = linear_from_srgb(torch.sigmoid(predicted))
         if resolution != side:
             colors = _enlarge(colors, surface[:1], side)
-        return colors[3:], colors[:3]
+        return colors[3:], colors[:3], gloss
 
     def _fuse_views(self, images: Tensor, texels: TexelMap, seen: TexelViews, surface: Tensor) -> tuple[Tensor, Tensor]:
         """(C, n, n) features, the maximum over the views that see a texel, 0 where none does; (1, n, n) any-seen."""
@@ -126,7 +177,9 @@ class InstantAlbedo(nn.Module):
         fused, known = None, surface.new_zeros(1, resolution, resolution)
         # One view after the other: all of them at once would multiply the memory by V.
         for view, image in enumerate(images):
-            material = self.encoder(composite(srgb_from_linear(image[:3]), image[3:], 1.0)[None])[0]
+            material = None
+            if self.encoder is not None:
+                material = self.encoder(composite(srgb_from_linear(image[:3]), image[3:], 1.0)[None])[0]
             inputs = self._view_inputs(seen, view, texels, surface, material, size)
             visible = inputs[3:4]
             features = self.unet(inputs[None])[0]
@@ -141,24 +194,30 @@ class InstantAlbedo(nn.Module):
         view: int,
         texels: TexelMap,
         surface: Tensor,
-        material: Tensor,
+        material: Tensor | None,
         size: tuple[int, int],
     ) -> Tensor:
-        """(15 + C, n, n): image, mask, position, texture coordinates, view direction, normal, material."""
+        """(15 + C, n, n): image, mask, position, texture coordinates, view direction, normal, material.
+
+        Image or material are absent where the ablation leaves them out.
+        """
         mask = seen.visibility[view]
         visible = _cells(mask[None].float(), surface.shape[-1])
-        # Averaged in linear light, as a camera with larger pixels would.
-        image = srgb_from_linear(_mean(seen.color[view], visible))
         direction = _mean(seen.direction(view, texels.position), visible)
-        # `where`, not a product: where a view does not see a texel its pixel may be anything, infinite too.
-        pixels = seen.pixels[view].permute(2, 0, 1)
-        pixels = _mean(torch.where(mask, pixels, pixels.new_zeros(())), visible)  # (2, n, n)
-        extent = pixels.new_tensor(size)[:, None, None]
-        grid = (2.0 * pixels / extent - 1.0).permute(1, 2, 0)
-        sampled = functional.grid_sample(material[None], grid[None], padding_mode="border", align_corners=False)[0]
-        sampled = sampled * (visible > 0)
         uv = _texture_coordinates(surface) * (surface[:1] > 0)
-        return torch.cat([image, visible, surface[1:4], uv, direction, surface[4:], sampled])
+        parts = [visible, surface[1:4], uv, direction, surface[4:]]
+        if self.config.ablation != "no-measurements":
+            # Averaged in linear light, as a camera with larger pixels would.
+            parts.insert(0, srgb_from_linear(_mean(seen.color[view], visible)))
+        if material is not None:
+            # `where`, not a product: where a view does not see a texel its pixel may be anything, infinite too.
+            pixels = seen.pixels[view].permute(2, 0, 1)
+            pixels = _mean(torch.where(mask, pixels, pixels.new_zeros(())), visible)  # (2, n, n)
+            extent = pixels.new_tensor(size)[:, None, None]
+            grid = (2.0 * pixels / extent - 1.0).permute(1, 2, 0)
+            sampled = functional.grid_sample(material[None], grid[None], padding_mode="border", align_corners=False)[0]
+            parts.append(sampled * (visible > 0))
+        return torch.cat(parts)
 
 
 def _surface(texels: TexelMap, resolution: int) -> Tensor:

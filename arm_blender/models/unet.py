@@ -53,6 +53,11 @@ class Unet(nn.Module):
         self.decoders = nn.ModuleList(ConvNorm(2 * width, width) for width in widths[:-1])
         self.out = nn.Conv2d(widths[0], config.out_channels, 1)
 
+    @property
+    def last(self) -> nn.Conv2d:
+        """The output convolution; zero weights make the network start at zero."""
+        return self.out
+
     def forward(self, x: Tensor) -> Tensor:
         """(B, in, H, W) -> (B, out, H / stem_stride, W / stem_stride); H and W multiples of `config.multiple`."""
         x = self.encoders[0](self.stem(x))

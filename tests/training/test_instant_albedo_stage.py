@@ -9,7 +9,8 @@ import torch
 from arm_blender import checkpoints
 from arm_blender.errors import ArmError
 from arm_blender.graphics.cameras import orbit_camera
-from arm_blender.graphics.color import linear_from_srgb
+from arm_blender.graphics.color import linear_from_srgb, srgb_from_linear
+from arm_blender.graphics.rasterize import interpolate, rasterize
 from arm_blender.models.ffc import FfcConfig
 from arm_blender.models.instant_albedo import InstantAlbedo, InstantAlbedoConfig
 from arm_blender.models.material_encoder import MaterialEncoderConfig
@@ -17,6 +18,7 @@ from arm_blender.models.unet import UnetConfig
 from arm_blender.models.vit import VitConfig
 from arm_blender.structures import UvMesh
 from training.datasets import atlases
+from training.datasets.atlas_augmentation import augment
 from training.datasets.shards import save_arrays
 from training.stages import instant_albedo as stage
 from training.trainer import TrainerConfig
@@ -50,18 +52,34 @@ def painted() -> torch.Tensor:
     return torch.stack([0.6 + 0.2 * torch.sin(u), 0.6 + 0.2 * torch.cos(v), 0.5 + 0.2 * torch.sin(u + v)])
 
 
+def places(mesh: UvMesh, camera) -> tuple[torch.Tensor, torch.Tensor]:
+    """(S, S, 2) where each pixel lies in the atlas, v up, and (S, S) where the mesh is."""
+    fragments = rasterize(mesh.vertices, mesh.faces, camera)
+    return interpolate(mesh.uvs, mesh.face_uvs, fragments).permute(1, 2, 0), fragments.mask
+
+
+def looked_up(image: torch.Tensor, uv: torch.Tensor) -> torch.Tensor:
+    """(V, C, S, S) of an atlas (C, T, T) at uv (V, S, S, 2), plainly bilinear."""
+    grid = torch.stack([2.0 * uv[..., 0] - 1.0, 1.0 - 2.0 * uv[..., 1]], dim=-1)
+    return torch.nn.functional.grid_sample(
+        image.expand(len(uv), -1, -1, -1), grid, padding_mode="border", align_corners=False
+    )
+
+
 def rig() -> dict[str, np.ndarray]:
     """Ten views of the cube; light is half as bright everywhere as the albedo."""
     mesh, albedo = cube(), linear_from_srgb(painted())
     angles = [(30 + 60 * k, (20, -10)[k % 2]) for k in range(6)] + [(0, 60), (90, 10), (180, -60), (270, 40)]
     views = [orbit_camera(azimuth, elevation, 3.5, 30.0, SIZE, SIZE) for azimuth, elevation in angles]
-    arrays = {"rgba": [], "albedo": [], "c2w": [], "K": []}
+    arrays = {"rgba": [], "albedo": [], "roughness": [], "metallic": [], "c2w": [], "K": []}
     for camera in views:
-        uv, shown = atlases._pixel_uvs(mesh, camera)
+        uv, shown = places(mesh, camera)
         for key, texture in (("rgba", SHADE * albedo), ("albedo", albedo)):
-            image = stage.render(texture, uv[None])[0].permute(1, 2, 0) * shown[..., None]
+            image = srgb_from_linear(looked_up(texture, uv[None]))[0].permute(1, 2, 0) * shown[..., None]
             image = torch.cat([image, shown[..., None].float()], dim=-1) if key == "rgba" else image
             arrays[key].append((image * 255.0).round().to(torch.uint8).numpy())
+        for key, value in (("roughness", 153), ("metallic", 255)):
+            arrays[key].append((value * shown).to(torch.uint8).numpy())
         arrays["c2w"].append(camera.c2w.numpy())
         arrays["K"].append(camera.K.numpy())
     return {key: np.stack(values) for key, values in arrays.items()}
@@ -72,7 +90,8 @@ def cache(tmp_path_factory):
     """Samples of the cube, as if of three objects."""
     folder = tmp_path_factory.mktemp("cache")
     config = atlases.AtlasConfig(size=TEXELS)
-    sample = atlases._sample(cube(), rig(), config, torch.Generator().manual_seed(0))
+    subsets = atlases.random_subsets(config.subsets, torch.Generator().manual_seed(0))
+    sample = atlases.sample_arrays(cube(), rig(), config.size, subsets)
     for name in ("a", "b", "c"):
         save_arrays(folder / f"{name}.rig_0.npz", sample)
     return folder
@@ -91,31 +110,45 @@ def test_true_textures_cost_next_to_nothing(atlas):
     assert wrong > 20 * loss
 
 
-def looked_up(image: torch.Tensor, uv: torch.Tensor) -> torch.Tensor:
-    """(V, C, S, S) of an atlas (C, T, T) at uv (V, S, S, 2), as it is."""
-    grid = torch.stack([2.0 * uv[..., 0] - 1.0, 1.0 - 2.0 * uv[..., 1]], dim=-1)
-    return torch.nn.functional.grid_sample(image.expand(len(uv), -1, -1, -1), grid, align_corners=False)
-
-
 def test_base_rendered_into_the_views_recovers_what_they_saw(atlas):
-    shown = stage.render(atlas.base, atlas.uv[:6])
-    seen = atlas.mask[:6] & (looked_up(atlas.seen.seen[None].float(), atlas.uv[:6])[:, 0] > 0.99)
-    assert seen.sum() > 0.7 * atlas.mask[:6].sum()
+    lookup = atlas.lookup.part(torch.arange(6), slice(None), slice(None))
+    shown = srgb_from_linear(lookup.render(atlas.base))
+    # Between four texels of its side; at a border the one that is left may lie half a texel away.
+    inner = lookup.mask & (lookup.weight > 0).all(dim=-1)
+    seen = inner & (lookup.render(atlas.seen.seen[None].float())[:, 0] > 0.99)
+    assert seen.sum() > 0.7 * lookup.mask.sum()
     assert (shown - atlas.baked[:6]).abs().amax(dim=1)[seen].quantile(0.95) < 0.03
 
 
 def test_pixels_lie_where_the_rasterised_mesh_says(atlas):
-    """The position map looked up at a pixel's place in the atlas projects back into that pixel."""
+    """The position map looked up at a pixel projects back into that pixel, where it lies between texels of its side."""
+    points = atlas.lookup.render(atlas.texels.position).permute(0, 2, 3, 1)
     for view, camera in enumerate(atlases.cameras(rig())):
-        uv = atlas.uv[view : view + 1]
-        points = looked_up(atlas.texels.position, uv)
-        covered = looked_up(atlas.texels.mask[None].float(), uv)[0, 0]
-        inside = atlas.mask[view] & (covered > 0.999)
-        pixels, _ = atlases.project(points[0].permute(1, 2, 0)[inside], camera)
-        row, column = inside.nonzero(as_tuple=True)
-        expected = torch.stack([column, row], dim=1) + 0.5
+        # At a side's border the texels on one side alone are left, and their mean lies inside.
+        inner = atlas.lookup.mask[view] & (atlas.lookup.weight[view] > 0).all(dim=-1)
+        pixels, _ = atlases.project(points[view][inner], camera)
+        row, column = inner.nonzero(as_tuple=True)
         assert len(pixels) > 100
-        assert (pixels - expected).abs().max() < 0.1
+        assert (pixels - torch.stack([column, row], dim=1) - 0.5).abs().max() < 0.1
+
+
+def test_a_look_up_never_mixes_charts(atlas):
+    """Every chart a colour of its own, the gaps another: each pixel shows exactly that of its side of the cube."""
+    arrays = atlases.sample_arrays(cube(), rig(), TEXELS, torch.ones(1, 6, dtype=torch.bool))
+    chart = torch.from_numpy(arrays["chart"])
+    face, owner = torch.from_numpy(arrays["face"]).long(), torch.from_numpy(arrays["face_chart"]).long()
+    assert len(owner.unique()) == 6
+    found = atlas.lookup.render(torch.where(chart >= 0, chart.float(), 100.0)[None])[:, 0]
+    shown = atlas.lookup.mask
+    assert shown.sum() > 0.99 * (face >= 0).sum()
+    assert (found[shown] - owner[face[shown]]).abs().max() < 1e-4
+
+
+def test_the_gradient_of_a_look_up_stays_in_the_charts(atlas):
+    texture = torch.zeros(2, TEXELS, TEXELS, requires_grad=True)
+    atlas.lookup.render(texture).sum().backward()
+    assert (texture.grad[:, ~atlas.texels.mask] == 0).all()
+    assert texture.grad[0].sum() == pytest.approx(int(atlas.lookup.mask.sum()), rel=1e-4)
 
 
 def facing(part: atlases.Atlas) -> torch.Tensor:
@@ -139,7 +172,7 @@ def test_fewer_input_views_are_a_part_of_all(cache, atlas):
 
 def test_augmentation_changes_colours_and_frame_alike(atlas):
     channels = torch.tensor([2, 0, 1])
-    changed = stage.augment(atlas, channels, math.pi / 2)
+    changed = augment(atlas, channels, math.pi / 2)
     assert torch.allclose(changed.seen.cosine, atlas.seen.cosine)
     assert torch.allclose(facing(changed), atlas.seen.cosine, atol=1e-5)
     x, y, z = atlas.texels.position
@@ -218,6 +251,16 @@ def test_unwrapped_shards_are_prepared_once(tmp_path):
     atlas = atlases.load(path, 0)
     assert (atlas.texels.position.abs().amax(dim=0)[atlas.texels.mask] - 0.6).abs().max() < 1e-3
     assert atlas.seen.seen.sum() > 0.6 * atlas.texels.mask.sum()
-    shown = stage.render(atlas.base, atlas.uv[:6])
-    seen = atlas.mask[:6] & (looked_up(atlas.seen.seen[None].float(), atlas.uv[:6])[:, 0] > 0.99)
-    assert (shown - atlas.baked[:6]).abs().amax(dim=1)[seen].quantile(0.9) < 0.04
+    lookup = atlas.lookup
+    seen = lookup.mask & (lookup.render(atlas.seen.seen[None].float())[:, 0] > 0.99)
+    shown = srgb_from_linear(lookup.render(atlas.base))
+    assert (shown - atlas.baked).abs().amax(dim=1)[seen].quantile(0.9) < 0.04
+
+
+def test_samples_of_an_earlier_version_are_refused_and_made_anew(tmp_path, cache):
+    with np.load(cache / "a.rig_0.npz") as file:
+        arrays = {name: file[name] for name in file.files if name != "barycentric"}
+    save_arrays(tmp_path / "a.rig_0.npz", arrays)
+    assert not atlases.is_current(tmp_path / "a.rig_0.npz") and atlases.is_current(cache / "a.rig_0.npz")
+    with pytest.raises(ArmError, match="a.rig_0.npz: made by an earlier version"):
+        atlases.load(tmp_path / "a.rig_0.npz", 0)

@@ -15,14 +15,17 @@ from torch import Tensor
 from arm_blender.errors import ArmError, EmptyMeshError, UnwrapError
 from arm_blender.graphics.cameras import Camera, project, view_directions
 from arm_blender.graphics.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
-from arm_blender.graphics.rasterize import interpolate, rasterize
-from arm_blender.structures import TexelMap, TexelViews, TriangleMesh, UvMesh, ViewSet
-from arm_blender.uv.backproject import backproject, blend
+from arm_blender.graphics.connectivity import face_components
+from arm_blender.graphics.rasterize import rasterize_uv, rasterize_views
+from arm_blender.structures import TexelMap, TexelViews, UvMesh, ViewSet
+from arm_blender.uv.backproject import BackprojectConfig, backproject, blend
 from arm_blender.uv.decimate import clean, decimate
 from arm_blender.uv.maps import diffuse_fill, pad
 from arm_blender.uv.texels import texel_map
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 
+from .atlas_lookup import AtlasLookup, atlas_lookup
+from .rasterized_surface import welded
 from .shards import cameras, read_mesh, rigs, save_arrays
 
 logger = logging.getLogger(__name__)
@@ -57,20 +60,20 @@ class Atlas:
         texels: the surface.
         seen: what the chosen inputs say of it.
         base: (3, T, T) linear: their blend, filled and padded.
-        uv: (N, S, S, 2) where each pixel lies in the atlas, v up.
-        mask: (N, S, S) bool: the pixels that show the mesh and are opaque.
+        lookup: from the N views into the atlas; its mask is where prediction and truth both show the object.
         baked: (N, 3, S, S) sRGB truth, lit.
         albedo: (N, 3, S, S) sRGB truth, unlit.
+        gloss: (N, 2, S, S) true roughness and metallic.
     """
 
     images: Tensor
     texels: TexelMap
     seen: TexelViews
     base: Tensor
-    uv: Tensor
-    mask: Tensor
+    lookup: AtlasLookup
     baked: Tensor
     albedo: Tensor
+    gloss: Tensor
 
 
 def prepare(shards: Path, cache: Path, config: AtlasConfig = AtlasConfig(), seed: int = 0) -> int:
@@ -85,32 +88,48 @@ def prepare(shards: Path, cache: Path, config: AtlasConfig = AtlasConfig(), seed
     mesh, owner = None, None
     for rig in rigs(shards):
         target = cache / f"{rig.parent.name}.{rig.stem}.npz"
-        if target.exists():
+        if target.exists() and is_current(target):
             continue
         if owner != rig.parent:
-            mesh, owner = _unwrapped(rig.parent, config), rig.parent
+            mesh, owner = unwrapped(rig.with_name("mesh.npz"), config), rig.parent
         if mesh is None:
             continue
         generator = torch.Generator().manual_seed(seed)
-        save_arrays(target, _sample(mesh, dict(np.load(rig)), config, generator))
+        subsets = random_subsets(config.subsets, generator)
+        save_arrays(target, sample_arrays(mesh, dict(np.load(rig)), config.size, subsets))
         logger.info("prepared %s", target.name)
     return len(list(cache.glob(SAMPLES)))
 
 
-def load(path: Path, subset: int) -> Atlas:
-    """One sample with one of its choices of input views; `subset` counts round."""
+def is_current(path: Path) -> bool:
+    """Whether a sample holds faces and barycentric coordinates; those of earlier versions held texture coordinates."""
     with np.load(path) as file:
-        arrays = {key: file[key] for key in file.files}
+        return "barycentric" in file.files
+
+
+def load(path: Path, subset: int) -> Atlas:
+    """One sample with one of its choices of input views; `subset` counts round.
+
+    Raises:
+        ArmError: the sample was made by an earlier version.
+    """
+    if not is_current(path):
+        raise ArmError(f"{path}: made by an earlier version; make the samples anew with --shards")
+    with np.load(path) as file:
+        return atlas_of({key: file[key] for key in file.files}, subset)
+
+
+def atlas_of(arrays: dict[str, np.ndarray], subset: int) -> Atlas:
+    """One sample from the arrays of its file, as of `sample_arrays`."""
     views = cameras(arrays)
     subset %= len(arrays["subsets"])
     chosen = np.flatnonzero(arrays["subsets"][subset])
     rgba = torch.from_numpy(arrays["rgba"]).permute(0, 3, 1, 2) / 255.0  # (N, 4, S, S)
-    albedo = torch.from_numpy(arrays["albedo"]).permute(0, 3, 1, 2) / 255.0
-    size = arrays["covered"].shape[0]
+    size = arrays["chart"].shape[0]
     texels = TexelMap(
         torch.from_numpy(arrays["position"]).float(),
         torch.nn.functional.normalize(torch.from_numpy(arrays["normal"]).float(), dim=0),
-        torch.from_numpy(arrays["covered"]),
+        torch.from_numpy(arrays["chart"] >= 0),
     )
     visible = torch.from_numpy(np.unpackbits(arrays["visible"], axis=-1, count=size)[chosen].astype(bool))
     color = linear_from_srgb(torch.from_numpy(arrays["color"][chosen]) / 255.0)
@@ -119,58 +138,76 @@ def load(path: Path, subset: int) -> Atlas:
         texels=texels,
         seen=_seen(texels, color, visible, tuple(views[k] for k in chosen)),
         base=linear_from_srgb(torch.from_numpy(arrays["bases"][subset]) / 255.0),
-        uv=torch.from_numpy(arrays["uv"].astype(np.float32)) / 65535.0,
-        mask=torch.from_numpy(arrays["shown"]),
+        lookup=atlas_lookup(
+            torch.from_numpy(arrays["face"]).long(),
+            torch.from_numpy(arrays["barycentric"].astype(np.float32)) / 65535.0,
+            torch.from_numpy(arrays["corner_uvs"]),
+            torch.from_numpy(arrays["face_chart"]).long(),
+            torch.from_numpy(arrays["chart"]).long(),
+        ),
         baked=rgba[:, :3],
-        albedo=albedo,
+        albedo=torch.from_numpy(arrays["albedo"]).permute(0, 3, 1, 2) / 255.0,
+        gloss=torch.from_numpy(np.stack([arrays["roughness"], arrays["metallic"]], axis=1)) / 255.0,
     )
 
 
-def _unwrapped(folder: Path, config: AtlasConfig) -> UvMesh | None:
-    """The object's mesh, welded, within the face budget, with an atlas; None where that cannot be."""
-    split = read_mesh(folder / "mesh.npz")
-    # Files split vertices where normals or texture coordinates do; unwelded, every face would be its own chart.
-    _, index = torch.unique((split.vertices * 1e5).round().long(), dim=0, return_inverse=True)
-    welded = torch.empty(int(index.max()) + 1, 3).index_copy_(0, index, split.vertices)
+def unwrapped(path: Path, config: AtlasConfig) -> UvMesh | None:
+    """The mesh of a `mesh.npz`, welded, within the face budget, with an atlas; None, with a warning, where none is."""
     try:
-        mesh = decimate(clean(TriangleMesh(welded, index[split.faces]), min_part=1e-3), config.faces)
+        mesh = decimate(clean(welded(read_mesh(path)), min_part=1e-3), config.faces)
         return unwrap(mesh, UnwrapConfig(texture_size=config.size, time_limit=config.time_limit))[0]
     except (EmptyMeshError, UnwrapError) as error:
-        logger.warning("%s left out: %s", folder.name, error)
+        logger.warning("%s left out: %s", path.parent.name, error)
         return None
 
 
-def _sample(
-    mesh: UvMesh, rig: dict[str, np.ndarray], config: AtlasConfig, generator: torch.Generator
+def sample_arrays(
+    mesh: UvMesh,
+    rig: dict[str, np.ndarray],
+    size: int,
+    subsets: Tensor,
+    depth_resolution: int = BackprojectConfig.depth_resolution,
 ) -> dict[str, np.ndarray]:
-    """The arrays of one file."""
+    """The arrays of one file: a rig in texture space.
+
+    Args:
+        rig: of the same object, rendered or rasterised.
+        size: texels a side.
+        subsets: (K, 6) bool: choices of input views. What none of them chooses is not back-projected.
+        depth_resolution: pixels of the z-buffers that tell what a view sees.
+    """
     views = cameras(rig)
     rgba = torch.from_numpy(rig["rgba"]).permute(0, 3, 1, 2) / 255.0
-    images = torch.cat([linear_from_srgb(rgba[:INPUTS, :3]), rgba[:INPUTS, 3:]], dim=1)
-    texels = texel_map(mesh, config.size)
-    seen = backproject(mesh, texels, ViewSet(images, views[:INPUTS], torch.ones(INPUTS), "sample"))
-    subsets = _subsets(config.subsets, generator)
-    bases = torch.stack([_base(texels, seen, subset) for subset in subsets])
-    uv, shown = zip(*(_pixel_uvs(mesh, camera) for camera in views), strict=True)
-    shown = torch.stack(shown) & (rgba[:, 3] == 1.0)
+    texels, used = texel_map(mesh, size), subsets.any(dim=0).nonzero()[:, 0]
+    images = torch.cat([linear_from_srgb(rgba[used, :3]), rgba[used, 3:]], dim=1)
+    inputs = ViewSet(images, tuple(views[k] for k in used), torch.ones(len(used)), "sample")
+    seen = backproject(mesh, texels, inputs, BackprojectConfig(depth_resolution=depth_resolution))
+    bases = torch.stack([_base(texels, seen, subset[used]) for subset in subsets])
+    color = torch.zeros(INPUTS, 3, size, size).index_copy_(0, used, seen.color)
+    visible = torch.zeros(INPUTS, size, size, dtype=torch.bool).index_copy_(0, used, seen.visibility)
+    fragments = rasterize_views(mesh.vertices, mesh.faces, views)
+    # Of the truth only what is opaque: beyond its outline there is nothing to compare with.
+    shown = fragments.mask & (rgba[:, 3] == 1.0)
+    face_chart = face_components(mesh.face_uvs)
+    covering = rasterize_uv(mesh.uvs, mesh.face_uvs, size).face_id
+    chart = torch.where(covering >= 0, face_chart[covering], -1)
     return {
-        "rgba": rig["rgba"],
-        "albedo": rig["albedo"],
-        "c2w": rig["c2w"],
-        "K": rig["K"],
+        **{name: rig[name] for name in ("rgba", "albedo", "roughness", "metallic", "c2w", "K")},
         "position": texels.position.half().numpy(),
         "normal": (texels.normal * 127.0).round().to(torch.int8).numpy(),
-        "covered": texels.mask.numpy(),
-        "color": _bytes(seen.color),
-        "visible": np.packbits(seen.visibility.numpy(), axis=-1),
+        "chart": chart.int().numpy(),
+        "color": _bytes(color),
+        "visible": np.packbits(visible.numpy(), axis=-1),
         "subsets": subsets.numpy(),
         "bases": _bytes(bases),
-        "uv": (torch.stack(uv) * 65535.0).round().numpy().astype(np.uint16),
-        "shown": shown.numpy(),
+        "face": torch.where(shown, fragments.face_id, -1).int().numpy(),
+        "barycentric": (fragments.barycentric[:, 1:].movedim(1, -1) * 65535.0).round().numpy().astype(np.uint16),
+        "corner_uvs": mesh.uvs[mesh.face_uvs].numpy(),
+        "face_chart": face_chart.int().numpy(),
     }
 
 
-def _subsets(count: int, generator: torch.Generator) -> Tensor:
+def random_subsets(count: int, generator: torch.Generator) -> Tensor:
     """(count, V) bool: all views, then random choices of one to all but one."""
     subsets = torch.ones(count, INPUTS, dtype=torch.bool)
     for subset in subsets[1:]:
@@ -183,13 +220,6 @@ def _base(texels: TexelMap, seen: TexelViews, subset: Tensor) -> Tensor:
     """(3, T, T) linear: the blend of some views, filled where they see nothing, padded in the gaps."""
     color, weight = blend(seen.only(subset), torch.ones(int(subset.sum())))
     return pad(diffuse_fill(color, weight > 0, texels), texels.mask)
-
-
-def _pixel_uvs(mesh: UvMesh, camera: Camera) -> tuple[Tensor, Tensor]:
-    """(S, S, 2) where each pixel lies in the atlas, and (S, S) bool where the mesh is."""
-    fragments = rasterize(mesh.vertices, mesh.faces, camera)
-    uv = interpolate(mesh.uvs, mesh.face_uvs, fragments).permute(1, 2, 0)
-    return uv.clamp(0.0, 1.0), fragments.face_id >= 0
 
 
 def _seen(texels: TexelMap, color: Tensor, visible: Tensor, views: tuple[Camera, ...]) -> TexelViews:

@@ -16,6 +16,8 @@ from arm_blender.blender.compat import shader_tree
 from arm_blender.errors import ArmError
 from arm_blender.graphics.color import LUMINANCE
 
+from .metals import METALS
+
 logger = logging.getLogger(__name__)
 
 AOVS = {
@@ -24,16 +26,6 @@ AOVS = {
     "arm_metallic": ("VALUE", "Metallic"),
 }
 """AOV name: its type and the socket of the Principled BSDF that feeds it."""
-
-METALS = (
-    (1.0, 0.86, 0.57),
-    (0.96, 0.64, 0.54),
-    (0.91, 0.92, 0.92),
-    (0.56, 0.57, 0.58),
-    (0.95, 0.93, 0.88),
-    (0.89, 0.79, 0.55),
-)
-"""Linear base colours of gold, copper, aluminium, iron, silver and brass (normal-incidence reflectance)."""
 
 
 def import_object(path: Path) -> list[bpy.types.Object]:

@@ -1,27 +1,31 @@
 """Fit InstantAlbedo: predicted atlases, rendered into the truth views, against what the views show (ARM, section 5.4).
 
-The loss is the paper's, in image space over all views of a rig; a render is a look-up, as each pixel's place in the
-atlas is known beforehand (`training.datasets.atlases`).
+The loss is the paper's, in image space over all views of a rig; a render is a look-up, as each pixel's face is known
+beforehand (`training.datasets.atlas_lookup`).
 """
 
 import argparse
 import logging
-import math
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import get_args
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from arm_blender import checkpoints
+from arm_blender.errors import ArmError
 from arm_blender.graphics.color import srgb_from_linear
-from arm_blender.models.instant_albedo import SMALL, InstantAlbedo, InstantAlbedoConfig
-from arm_blender.structures import TexelMap
+from arm_blender.models.instant_albedo import SMALL, Ablation, InstantAlbedo, InstantAlbedoConfig
+from arm_blender.models.material_encoder import MaterialEncoderConfig
 
 from .. import distributed
 from ..datasets import atlases
+from ..datasets.atlas_augmentation import augmented
 from ..datasets.atlases import Atlas
+from ..datasets.rasterized import read_library
+from ..datasets.rasterized_atlases import RasterizedAtlases
+from ..datasets.shards import meshes
 from ..losses import ImageLossConfig, Perceptual, image_loss
 from ..lpips import Lpips
 from ..trainer import Trainer, TrainerConfig
@@ -43,6 +47,8 @@ class FitConfig:
     """Balance of the image loss."""
     perceptual: Perceptual | None = None
     """LPIPS where its weights are at hand; without it the loss has no perceptual term."""
+    rasterized: float = 0.0
+    """Share of the samples that are rasterised on the fly; the others are Cycles' renders."""
 
 
 def fit(
@@ -52,52 +58,95 @@ def fit(
     trainer_config: TrainerConfig,
     seed: int = 0,
     settings: FitConfig = FitConfig(),
+    material_prior: Path | None = None,
+    rasterized: RasterizedAtlases | None = None,
 ) -> InstantAlbedo:
     """Fit until the time is up and write the averaged weights; goes on from `<output>.resume` where there is one.
 
     Args:
         cache: samples made by `atlases.prepare`.
         output: of the checkpoint.
+        material_prior: weights that the encoder begins with, as `fit material-prior` writes them.
+        rasterized: makes the share of the samples that `settings` names; held-out objects are taken out of it.
     Raises:
-        ArmError: there are no samples.
+        ArmError: there are no samples, or the prior is not for this network.
     """
     torch.manual_seed(seed)
     training, held_out = split(atlases.files(cache), settings.held_out)
     logger.info("%d samples, %d held out", len(training), len(held_out))
+    model = InstantAlbedo(config)
+    if material_prior is not None:
+        start_encoder(model, material_prior)
+    if rasterized is not None:
+        hidden = {owner(path) for path in held_out}
+        rasterized = replace(rasterized, meshes=[p for p in rasterized.meshes if owner(p.parent) not in hidden])
     output.parent.mkdir(parents=True, exist_ok=True)
-    trainer = Trainer(InstantAlbedo(config), trainer_config, output.with_suffix(".resume"))
+    trainer = Trainer(model, trainer_config, output.with_suffix(".resume"))
 
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
         random = distributed.generator(seed, index)
-        return sample_loss(trainer.model, draw(training, random), settings, random)
+        if rasterized is not None and float(torch.rand((), generator=random)) < settings.rasterized:
+            atlas = augmented(rasterized.draw(random), random)
+        else:
+            atlas = draw(training, random)
+        return sample_loss(trainer.model, atlas, settings, random)
 
     averaged = trainer.run(step, lambda model: validate(model, held_out, settings))
-    metadata = {"steps": str(trainer.step), "samples": str(len(training))}
+    metadata = {
+        "steps": str(trainer.step),
+        "samples": str(len(training)),
+        "rasterized_share": str(settings.rasterized),
+        "material_prior": "random" if material_prior is None else material_prior.name,
+    }
     if distributed.rank() == 0:
         checkpoints.save(output, averaged.state_dict(), config, "small.instant_albedo", metadata, half=True)
     return averaged
+
+
+def start_encoder(model: InstantAlbedo, path: Path) -> None:
+    """Give the encoder pretrained weights.
+
+    Raises:
+        CheckpointError: they are damaged, or made for an encoder of another size.
+        ArmError: this ablation has no encoder, or is to begin at random.
+    """
+    if model.config.ablation in ("no-material-prior", "random-material-prior"):
+        raise ArmError(f"{path}: --ablation {model.config.ablation} takes no --material-prior; leave one of them out")
+    _, state = checkpoints.load(path, MaterialEncoderConfig)
+    checkpoints.restore(model.encoder, state, path)
 
 
 def sample_loss(
     model: InstantAlbedo, atlas: Atlas, settings: FitConfig, random: torch.Generator
 ) -> tuple[Tensor, dict[str, float]]:
     """Loss of the prediction, with gradient, and that of the blend of the views, which is what it must beat."""
-    views = torch.randperm(len(atlas.uv), generator=random)[: settings.views]
-    albedo, baked = model(atlas.images, atlas.texels, atlas.seen, atlas.base)
-    loss = atlas_loss(albedo, baked, atlas, views, settings)
+    views = torch.randperm(len(atlas.baked), generator=random)[: settings.views]
+    albedo, baked, gloss = model.predict(atlas.images, atlas.texels, atlas.seen, atlas.base)
+    loss = atlas_loss(albedo, baked, atlas, views, settings, gloss)
     with torch.no_grad():
         blend = atlas_loss(atlas.base, atlas.base, atlas, views, settings)
     return loss, {"blend": float(blend)}
 
 
-def atlas_loss(albedo: Tensor, baked: Tensor, atlas: Atlas, views: Tensor, settings: FitConfig) -> Tensor:
-    """The paper's L_albedo of two predicted textures (3, T, T), linear, over the truth views with these indices."""
-    rows, columns = _window(atlas.mask[views])
-    uv, mask = atlas.uv[views, rows, columns], atlas.mask[views, rows, columns]
-    truth = (image[views, :, rows, columns] for image in (atlas.baked, atlas.albedo))
+def atlas_loss(
+    albedo: Tensor, baked: Tensor, atlas: Atlas, views: Tensor, settings: FitConfig, gloss: Tensor | None = None
+) -> Tensor:
+    """The paper's L_albedo (equation 4) over the truth views with these indices, where both shapes show something.
+
+    Args:
+        albedo, baked: (3, T, T) linear, predicted.
+        gloss: (2, T, T) roughness and metallic; their loss is added, each as that of a picture.
+    """
+    rows, columns = _window(atlas.lookup.mask[views])
+    lookup = atlas.lookup.part(views, rows, columns)
+    textures, truths = [baked, albedo], [atlas.baked, atlas.albedo]
+    if gloss is not None:
+        textures, truths = [*textures, *gloss.split(1)], [*truths, *atlas.gloss.split(1, dim=1)]
+    shown = lookup.render(torch.cat(textures)).split([len(texture) for texture in textures], dim=1)
+    pictures = [srgb_from_linear(x) if x.shape[1] == 3 else x for x in shown]
     return sum(
-        image_loss(render(x, uv), y, mask, settings.loss, settings.perceptual)
-        for x, y in zip((baked, albedo), truth, strict=True)
+        image_loss(x, y[views, :, rows, columns], lookup.mask, settings.loss, settings.perceptual)
+        for x, y in zip(pictures, truths, strict=True)
     )
 
 
@@ -115,72 +164,49 @@ def _window(mask: Tensor) -> tuple[slice, slice]:
     return found[0], found[1]
 
 
-def render(texture: Tensor, uv: Tensor) -> Tensor:
-    """(V, 3, S, S) sRGB: a linear texture (3, T, T) looked up at uv (V, S, S, 2), v up."""
-    grid = torch.stack([2.0 * uv[..., 0] - 1.0, 1.0 - 2.0 * uv[..., 1]], dim=-1)
-    looked_up = functional.grid_sample(
-        texture.expand(len(uv), -1, -1, -1), grid, padding_mode="border", align_corners=False
-    )
-    return srgb_from_linear(looked_up)
-
-
-def augment(atlas: Atlas, channels: Tensor, angle: float) -> Atlas:
-    """The same object in other colours and turned about the vertical: its colours' channels permuted, its surface
-    positions and directions rotated by `angle` radians. Truth and input change alike.
-
-    Args:
-        channels: permutation of (0, 1, 2).
-    """
-    c, s = math.cos(angle), math.sin(angle)
-    turn = torch.tensor([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-    def turned(x: Tensor) -> Tensor:
-        return torch.einsum("ij,...jhw->...ihw", turn, x)
-
-    seen, texels = atlas.seen, atlas.texels
-    return Atlas(
-        images=atlas.images[:, [*channels.tolist(), 3]],
-        texels=TexelMap(turned(texels.position), turned(texels.normal), texels.mask),
-        seen=replace(seen, color=seen.color[:, channels], eyes=seen.eyes @ turn.T),
-        base=atlas.base[channels],
-        uv=atlas.uv,
-        mask=atlas.mask,
-        baked=atlas.baked[:, channels],
-        albedo=atlas.albedo[:, channels],
-    )
+def owner(path: Path) -> str:
+    """The object of a sample or of a folder of shards: its name up to the first dot."""
+    return path.name.split(".")[0]
 
 
 def split(files: list[Path], held_out: int) -> tuple[list[Path], list[Path]]:
-    """Training and validation samples; all rigs of an object (the name up to the first dot) fall on one side."""
-    owners = sorted({path.name.split(".")[0] for path in files})
+    """Training and validation samples; all rigs of an object fall on one side."""
+    owners = sorted({owner(path) for path in files})
     chosen = set(owners[held_out - 1 :: held_out])
-    training = [path for path in files if path.name.split(".")[0] not in chosen]
-    return training, [path for path in files if path.name.split(".")[0] in chosen]
+    training = [path for path in files if owner(path) not in chosen]
+    return training, [path for path in files if owner(path) in chosen]
 
 
 @torch.no_grad()
 def validate(model: InstantAlbedo, files: list[Path], settings: FitConfig) -> dict[str, float]:
-    """Mean PSNR in dB of albedo and baked colour over the truth views, all input views given; of the blend as well."""
-    found = {"albedo": [], "baked": [], "blend as albedo": [], "blend as baked": []}
+    """Mean PSNR in dB of albedo and baked colour over the truth views, all input views given; of the blend as well.
+
+    Of roughness and metallic too, where the network predicts them.
+    """
+    found: dict[str, list[float]] = {}
     for path in files[: settings.validate]:
         atlas = atlases.load(path, 0)
-        albedo, baked = model(atlas.images, atlas.texels, atlas.seen, atlas.base)
-        inside = atlas.mask[:, None].expand(-1, 3, -1, -1)
-        if not inside.any():
+        if not atlas.lookup.mask.any():
             continue
-        pairs = ((albedo, atlas.albedo), (baked, atlas.baked), (atlas.base, atlas.albedo), (atlas.base, atlas.baked))
-        for values, (texture, truth) in zip(found.values(), pairs, strict=True):
-            error = (render(texture, atlas.uv) - truth)[inside].square().mean()
-            values.append(float(-10.0 * torch.log10(error.clamp(min=1e-10))))
-    return {name: sum(values) / len(values) for name, values in found.items() if values}
+        albedo, baked, gloss = model.predict(atlas.images, atlas.texels, atlas.seen, atlas.base)
+        pairs = {
+            "albedo": (srgb_from_linear(albedo), atlas.albedo),
+            "baked": (srgb_from_linear(baked), atlas.baked),
+            "blend as albedo": (srgb_from_linear(atlas.base), atlas.albedo),
+            "blend as baked": (srgb_from_linear(atlas.base), atlas.baked),
+        }
+        if gloss is not None:
+            pairs |= {"roughness": (gloss[:1], atlas.gloss[:, :1]), "metallic": (gloss[1:], atlas.gloss[:, 1:])}
+        for name, (texture, truth) in pairs.items():
+            error = (atlas.lookup.render(texture) - truth).movedim(1, -1)[atlas.lookup.mask].square().mean()
+            found.setdefault(name, []).append(float(-10.0 * torch.log10(error.clamp(min=1e-10))))
+    return {name: sum(values) / len(values) for name, values in found.items()}
 
 
 def draw(files: list[Path], random: torch.Generator) -> Atlas:
     """A random sample with a random choice of input views, augmented."""
     path = files[int(torch.randint(len(files), (), generator=random))]
-    atlas = atlases.load(path, int(torch.randint(1 << 16, (), generator=random)))
-    angle = 2.0 * math.pi * float(torch.rand((), generator=random))
-    return augment(atlas, torch.randperm(3, generator=random), angle)
+    return augmented(atlases.load(path, int(torch.randint(1 << 16, (), generator=random))), random)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -192,6 +218,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--size", type=int, default=192, help="texels a side of the prepared atlases")
     parser.add_argument("--views", type=int, default=FitConfig.views, help="truth views compared in a step")
     parser.add_argument("--lpips", type=Path, help="weights of LPIPS (VGG); without them its term is left out")
+    parser.add_argument("--material-prior", type=Path, help="weights of `fit material-prior` for the encoder")
+    parser.add_argument("--ablation", choices=get_args(Ablation), default="none", help="leave a part out")
+    parser.add_argument("--rasterized", type=float, default=0.0, help="share of samples rasterised on the fly, 0 to 1")
+    parser.add_argument("--data", type=Path, help="textures and environments of those; ARM_DATA by default")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--learning-rate", type=float, default=4e-4, help="the paper's")
 
@@ -204,6 +234,20 @@ def run(args: argparse.Namespace) -> int:
     if args.minutes > 0:
         # Adam without decay, as in the paper.
         config = TrainerConfig(minutes=args.minutes, learning_rate=args.learning_rate, weight_decay=0.0)
-        settings = FitConfig(views=args.views, perceptual=Lpips.from_file(args.lpips) if args.lpips else None)
-        fit(args.cache, SMALL, args.output, config, args.seed, settings)
+        perceptual = Lpips.from_file(args.lpips) if args.lpips else None
+        settings = FitConfig(views=args.views, perceptual=perceptual, rasterized=args.rasterized)
+        own = SMALL.ablated(args.ablation)
+        fit(args.cache, own, args.output, config, args.seed, settings, args.material_prior, _rasterized(args))
     return 0
+
+
+def _rasterized(args: argparse.Namespace) -> RasterizedAtlases | None:
+    """What makes samples on the fly, where some are asked for."""
+    if not 0.0 <= args.rasterized <= 1.0:
+        raise ArmError(f"--rasterized {args.rasterized:g}: give a share from 0 to 1")
+    if args.rasterized == 0.0:
+        return None
+    if args.shards is None:
+        raise ArmError("--rasterized: whose shapes? give --shards")
+    config = atlases.AtlasConfig(size=args.size)
+    return RasterizedAtlases(meshes(args.shards), args.cache / "shapes", read_library(args.data), config=config)

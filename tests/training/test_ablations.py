@@ -1,0 +1,154 @@
+"""The paper's ablations: each is built, takes a step, and is told apart by its checkpoint."""
+
+from dataclasses import replace
+from typing import get_args
+
+import pytest
+import torch
+
+from arm_blender import checkpoints
+from arm_blender.config_json import config_from_dict
+from arm_blender.errors import CheckpointError
+from arm_blender.models.ffc import FfcConfig, FfcGenerator
+from arm_blender.models.instant_albedo import Ablation, InstantAlbedo, InstantAlbedoConfig
+from arm_blender.models.material_encoder import MaterialEncoderConfig
+from arm_blender.models.unet import Unet, UnetConfig
+from arm_blender.models.vit import VitConfig
+from arm_blender.structures import TexelMap, TexelViews
+from training.__main__ import main
+from training.datasets.atlas_lookup import AtlasLookup
+from training.datasets.atlases import Atlas
+from training.stages.instant_albedo import FitConfig, sample_loss
+
+ABLATIONS = get_args(Ablation)
+TINY = InstantAlbedoConfig(
+    MaterialEncoderConfig(VitConfig(8, 16, 4, 2, 2, 4), (0, 1, 2, 3), 32, 8, 4),
+    UnetConfig((8, 8), 8, 2),
+    FfcConfig(8, 2, 1),
+    resolution=16,
+    residual=True,
+)
+SIDE, PIXELS, VIEWS = 32, 24, 3
+
+
+@pytest.fixture
+def sample() -> Atlas:
+    """An atlas of one chart with a margin, of which the views show texels one to one, at random."""
+    random = torch.Generator().manual_seed(0)
+
+    def rand(*shape: int) -> torch.Tensor:
+        return torch.rand(*shape, generator=random)
+
+    mask = torch.zeros(SIDE, SIDE, dtype=torch.bool)
+    mask[4:28, 4:28] = True
+    seen = TexelViews(
+        color=rand(VIEWS, 3, SIDE, SIDE) * mask,
+        visibility=mask.expand(VIEWS, -1, -1),
+        eyes=4.0 * torch.randn(VIEWS, 3, generator=random),
+        cosine=rand(VIEWS, SIDE, SIDE) * mask,
+        pixels=PIXELS * rand(VIEWS, SIDE, SIDE, 2),
+    )
+    rows, columns = torch.meshgrid(torch.arange(4, 28), torch.arange(4, 28), indexing="ij")
+    texel = (rows * SIDE + columns)[None, ..., None].expand(VIEWS, -1, -1, 4)
+    lookup = AtlasLookup(texel, torch.full(texel.shape, 0.25), torch.ones(texel.shape[:3], dtype=torch.bool))
+    position, normal = rand(3, SIDE, SIDE) * mask, rand(3, SIDE, SIDE) * mask
+    images, truth = rand(VIEWS, 4, PIXELS, PIXELS), (VIEWS, 3, PIXELS, PIXELS)
+    return Atlas(
+        images,
+        TexelMap(position, normal, mask),
+        seen,
+        0.2 + 0.5 * rand(3, SIDE, SIDE),
+        lookup,
+        rand(*truth),
+        rand(*truth),
+        rand(VIEWS, 2, PIXELS, PIXELS),
+    )
+
+
+def built(ablation: Ablation) -> InstantAlbedo:
+    torch.manual_seed(0)
+    model = InstantAlbedo(TINY.ablated(ablation))
+    torch.nn.init.normal_(model.ffc.last.weight, std=0.05)
+    return model
+
+
+@pytest.mark.parametrize("ablation", ABLATIONS)
+def test_a_step_lowers_the_loss_and_the_checkpoint_says_which(sample, ablation, tmp_path):
+    model = built(ablation)
+    optimizer = torch.optim.Adam(model.parameters(), 2e-3)
+    losses = []
+    for _ in range(4):
+        loss, _ = sample_loss(model, sample, FitConfig(), torch.Generator().manual_seed(0))
+        optimizer.zero_grad()
+        loss.backward()
+        # Every weight that this ablation has takes part.
+        assert all(p.grad is not None and p.grad.isfinite().all() for p in model.parameters())
+        optimizer.step()
+        losses.append(loss.item())
+    assert losses[-1] < losses[0]
+    path = tmp_path / "x.safetensors"
+    checkpoints.save(path, model.state_dict(), model.config, "instant_albedo")
+    config, state = checkpoints.load(path, InstantAlbedoConfig)
+    assert config == model.config and config.ablation == ablation
+    checkpoints.restore(InstantAlbedo(config), state, path)
+    if ablation not in ("none", "random-material-prior", "no-super-resolution"):
+        with pytest.raises(CheckpointError, match="made for another model"):
+            checkpoints.restore(InstantAlbedo(replace(TINY, residual=config.residual)), state, path)
+
+
+def outputs(model: InstantAlbedo, sample: Atlas, **changed) -> torch.Tensor:
+    sample = replace(sample, **changed)
+    with torch.no_grad():
+        return torch.cat(model(sample.images, sample.texels, sample.seen, sample.base))
+
+
+@pytest.mark.parametrize("ablation", ABLATIONS)
+def test_what_is_left_out_is_not_seen(sample, ablation):
+    """Other colours on the atlas, other pictures, another blend: the output changes with what is not left out."""
+    model = built(ablation)
+    before = outputs(model, sample)
+    recolored = outputs(model, sample, seen=replace(sample.seen, color=1.0 - sample.seen.color))
+    repainted = outputs(model, sample, images=1.0 - sample.images)
+    rebased = outputs(model, sample, base=0.5 * sample.base)
+    assert torch.equal(before, recolored) == (ablation == "no-measurements")
+    assert torch.equal(before, repainted) == (ablation == "no-material-prior")
+    assert torch.equal(before, rebased) == (ablation in ("no-measurements", "no-super-resolution"))
+
+
+def test_the_local_network_has_no_spectral_branch():
+    assert isinstance(built("none").ffc, FfcGenerator)
+    local = built("local-unet")
+    assert isinstance(local.ffc, Unet)
+    assert not any("Fourier" in type(part).__name__ for part in local.modules())
+
+
+def test_only_unified_prediction_has_roughness_and_metallic(sample):
+    for ablation in ABLATIONS:
+        with torch.no_grad():
+            *_, gloss = built(ablation).predict(sample.images, sample.texels, sample.seen, sample.base)
+        assert (gloss is not None) == (ablation == "unified-material")
+    unified = built("unified-material")
+    loss, _ = sample_loss(unified, sample, FitConfig(), torch.Generator().manual_seed(0))
+    other = replace(sample, gloss=1.0 - sample.gloss)
+    assert loss != sample_loss(unified, other, FitConfig(), torch.Generator().manual_seed(0))[0]
+
+
+def test_a_checkpoint_from_before_has_no_ablation():
+    assert config_from_dict(InstantAlbedoConfig, {"residual": True}).ablation == "none"
+    with pytest.raises(ValueError, match="ablation"):
+        config_from_dict(InstantAlbedoConfig, {"ablation": "no-network"})
+    with pytest.raises(ValueError, match="residual must be off"):
+        replace(TINY, ablation="no-measurements")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--rasterized", "1.5"], "--rasterized 1.5: give a share from 0 to 1"),
+        (["--rasterized", "0.5"], "whose shapes? give --shards"),
+    ],
+)
+def test_a_share_needs_shapes(words, message, tmp_path, capsys):
+    command = ["fit", "instant-albedo", "--cache", str(tmp_path), "--output", str(tmp_path / "x.safetensors")]
+    assert main([*command, *words]) == 1
+    assert message in capsys.readouterr().err
