@@ -23,6 +23,7 @@ from arm_blender.uv.maps import diffuse_fill, pad
 from arm_blender.uv.texels import texel_map
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 
+from .shards import arrays as read_arrays
 from .shards import cameras, read_mesh, rigs, save_arrays
 
 logger = logging.getLogger(__name__)
@@ -92,7 +93,7 @@ def prepare(shards: Path, cache: Path, config: AtlasConfig = AtlasConfig(), seed
         if mesh is None:
             continue
         generator = torch.Generator().manual_seed(seed)
-        save_arrays(target, _sample(mesh, dict(np.load(rig)), config, generator))
+        save_arrays(target, _sample(mesh, read_arrays(rig), config, generator))
         logger.info("prepared %s", target.name)
     return len(list(cache.glob(SAMPLES)))
 
