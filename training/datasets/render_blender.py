@@ -21,6 +21,7 @@ from arm_blender.commands import interrupts
 from arm_blender.errors import ArmError
 from arm_blender.graphics.cameras import Camera
 from arm_blender.graphics.color import linear_from_srgb
+from arm_blender.quiet import STDOUT, silenced
 from arm_blender.views.image_io import write_png
 from arm_blender.views.rigs import zero123plus_rig
 from arm_blender.views.transforms_json import write_transforms
@@ -87,11 +88,12 @@ def answer(item: dict[str, Any], words: dict[str, Any]) -> dict[str, Any]:
     files: dict[str, dict[str, np.ndarray]] = {}
     rendering = 0.0
     try:
-        for rig in range(sample.lightings):
-            arrays, told, seconds = render_rig(asset, hdris, rig, render, sample)
-            files |= arrays
-            rendering += seconds
-            record.setdefault("lightings", []).append(told)
+        with silenced(STDOUT):  # Blender prints a line for every view.
+            for rig in range(sample.lightings):
+                arrays, told, seconds = render_rig(asset, hdris, rig, render, sample)
+                files |= arrays
+                rendering += seconds
+                record.setdefault("lightings", []).append(told)
         record["views"] = len(files["rig_0.npz"]["rgba"])
     except (ArmError, RuntimeError) as error:  # Blender's operators raise RuntimeError.
         record["dropped"], files = str(error), {}

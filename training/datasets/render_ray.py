@@ -37,7 +37,6 @@ def over_machines(
         ray.init(address=address, log_to_driver=False, ignore_reinit_error=True, runtime_env={"env_vars": paths})
     except (ConnectionError, ValueError, RuntimeError) as error:
         raise ArmError(f"--ray {address}: no such cluster ({error}); start one with `ray start --head`") from error
-    # By value: the machines need not have this very file.
     task = ray.remote(num_cpus=cpus, num_gpus=gpus, max_retries=RETRIES)(_answer)
     waiting, running = iter(items), {}
     # Twice what runs at once: no machine waits, and a list of any length needs no memory.
