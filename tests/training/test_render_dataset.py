@@ -15,6 +15,7 @@ import torch
 from arm_blender.graphics.cameras import unproject
 from training.__main__ import main
 from training.datasets import shards
+from training.evaluation.objects import evaluation_objects
 
 bpy = pytest.importorskip("bpy")
 from arm_blender.blender.compat import shader_tree  # noqa: E402  It needs bpy.
@@ -167,3 +168,23 @@ def test_the_index_names_the_convention_the_version_and_the_seed(rendered):
     head = json.loads((rendered / "index.json").read_text())
     assert head["camera"].startswith("OpenGL") and head["version"] and head["settings"]["seed"] == 0
     assert main(["shards", str(rendered), "--verify"]) == 0
+
+
+def test_a_manifest_gives_objects_their_set_split_and_axis(tmp_path):
+    """And evaluation views are as a user would bring them, with the true mesh."""
+    corners = "".join(f"v {x} {y} {z}\n" for x in (0, 1) for y in (0, 1) for z in (0, 3))  # Tall along the file's Z.
+    (tmp_path / "tall.obj").write_text(corners + "f 1 3 7 5\nf 2 6 8 4\nf 1 5 6 2\nf 3 4 8 7\nf 1 2 4 3\nf 5 7 8 6\n")
+    sets = {"scan": ("gso", "eval"), "flat": ("flat", "eval"), "hidden": ("gso", "train")}
+    entries = [{"id": key, "main": "tall.obj", "set": own, "split": split} for key, (own, split) in sets.items()]
+    environment = str(Path(bpy.utils.system_resource("DATAFILES"), "studiolights", "world", "city.exr"))
+    hdris = [{"files": [environment], "split": "eval"}]
+    (tmp_path / "manifest.json").write_text(json.dumps({"objects": entries, "hdris": hdris}))
+    words = ["render", "--data", str(tmp_path), "--split", "eval", "--output", str(tmp_path / "views")]
+    assert main([*words, "--layout", "views", *TINY, "--resolution", "48"]) == 0
+    found = {item.name: item for item in evaluation_objects(tmp_path / "views")}
+    assert set(found) == {"scan", "flat"}
+    for name, upright in (("scan", 2), ("flat", 1)):
+        extents = found[name].truth().vertices.amax(0) - found[name].truth().vertices.amin(0)
+        assert float(extents[upright]) == pytest.approx(2.0) and int((extents < 0.7).sum()) == 2
+        views = found[name].views()
+        assert len(views.cameras) == 6 and 0.02 < float((views.images[:, 3] > 0.5).float().mean()) < 0.5
