@@ -75,6 +75,16 @@ def test_a_folder_without_objects_is_refused(tmp_path):
         find_assets(tmp_path)
 
 
+def test_environment_maps_are_looked_at_before_any_object_is(assets, tmp_path, capsys):
+    place, output = tmp_path / "light", tmp_path / "shards"
+    place.mkdir()
+    words = ["render", str(tmp_path / "assets"), "--hdri", str(place), "--output", str(output)]
+    assert main(words) == 1 and f"{place}: no environment map" in capsys.readouterr().err
+    (place / "sun.exr").write_text("no picture")
+    assert main(words) == 1 and "sun.exr: not a readable environment map (" in capsys.readouterr().err
+    assert not output.exists()
+
+
 def test_what_is_read_is_what_was_written(assets, tmp_path):
     output = tmp_path / "shards"
     assert make(assets, output) == (6, 5)

@@ -40,7 +40,7 @@ def find_assets(folder: Path, obj_up: Literal["Y", "Z"] = "Y") -> list[Asset]:
     if not folder.is_dir():
         raise ArmError(f"{folder}: no folder; give one with objects ({', '.join(FORMATS)})")
     found = []
-    for place, _, names in os.walk(folder, followlinks=True):
+    for place, _, names in os.walk(folder):
         found += [Path(place, name) for name in names if name.lower().endswith(FORMATS)]
     if not found:
         raise ArmError(f"{folder}: holds no object; known formats are {', '.join(FORMATS)}")

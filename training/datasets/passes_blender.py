@@ -44,7 +44,8 @@ def configure_cycles(config: RenderConfig) -> None:
     if config.gpu and (kind := graphics_devices()):
         scene.cycles.device = "GPU"
         logger.debug("rendering by %s", kind)
-    if threads := int(os.environ.get("OMP_NUM_THREADS", "0")):  # Processes side by side share the machine's cores.
+    # Processes side by side share the machine's cores.
+    if threads := int(os.environ.get("OMP_NUM_THREADS", "0").partition(",")[0]):
         render.threads_mode, render.threads = "FIXED", threads
     render.film_transparent = True
     render.use_persistent_data = True

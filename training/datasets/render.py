@@ -14,6 +14,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import OpenImageIO as oiio
+
 from arm_blender.commands.workers import Answer, side_by_side
 from arm_blender.errors import ArmError
 
@@ -114,6 +116,10 @@ def chosen(args: argparse.Namespace) -> tuple[list[Asset], list[Path], bool]:
             own_hdris = args.split == "train"
         wanted = [e for e in manifest["objects"] if e["split"] == args.split and e["set"] in args.set]
         assets = manifest_assets(wanted, args.data.resolve())
+    for path in hdris:  # Before any object is left out for it.
+        if (image := oiio.ImageInput.open(str(path))) is None:
+            raise ArmError(f"{path}: not a readable environment map ({oiio.geterror()}); give others with --hdri")
+        image.close()
     assets = [asset for asset in assets if not args.ids or asset.key in args.ids][: args.first]
     if not assets or not (hdris or own_hdris):
         where = args.assets or args.data
