@@ -15,8 +15,9 @@ from pathlib import Path
 from arm_blender.errors import ArmError
 
 COMMANDS = {
-    "render": ("training.datasets.render_blender", "render objects into shards, or into evaluation views"),
+    "render": ("training.datasets.render", "render objects into shards, or into evaluation views"),
     "rasterized": ("training.datasets.rasterized_blender", "compare views rasterised on the fly with Cycles'"),
+    "shards": ("training.datasets.shard_report", "tell what shards hold, check them, and what more would cost"),
     "prepare": ("training.datasets.occupancy", "sample signed distances to the rendered objects"),
     "evaluate": ("training.evaluation.evaluate", "measure geometry against the truth and the visual hull"),
     "sweep": ("training.evaluation.sweep", "error against run time, each knob in turn"),

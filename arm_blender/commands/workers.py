@@ -139,12 +139,25 @@ class _Foreman(threading.Thread):
 def command(module: str, words: dict[str, Any]) -> list[str]:
     """What starts a worker: Blender itself where we run inside it, for only there is bpy, else Python."""
     package = Path(__file__).resolve().parents[1]
-    path = [str(package.parent), *sys.path]
+    path = [str(package.parent), *search_path()]
     code = _START.format(path=path, package=package.name, module=module, words=pickle.dumps(words))
     blender = getattr(getattr(sys.modules.get("bpy"), "app", None), "binary_path", "")
     if blender:
         return [blender, "--background", "--factory-startup", "--python-exit-code", "1", "--python-expr", code]
     return [sys.executable, "-c", code]
+
+
+def search_path() -> list[str]:
+    """Where a new process of the same program finds what this one can import.
+
+    Where Python imported Blender, not the other way round, without the folders of scripts that this added: with them in
+    front, `import bpy` finds the half of it that only works once the other half runs.
+    """
+    bpy = sys.modules.get("bpy")
+    if bpy is None or bpy.app.binary_path:
+        return list(sys.path)
+    scripts = Path(bpy.utils.resource_path("LOCAL"), "scripts")
+    return [place for place in sys.path if not Path(place).is_relative_to(scripts)]
 
 
 def serve(module: str, words: bytes) -> None:

@@ -26,6 +26,7 @@ from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 
 from .atlas_lookup import AtlasLookup, atlas_lookup
 from .rasterized_surface import welded
+from .shards import arrays as read_arrays
 from .shards import cameras, read_mesh, rigs, save_arrays
 
 logger = logging.getLogger(__name__)
@@ -96,7 +97,7 @@ def prepare(shards: Path, cache: Path, config: AtlasConfig = AtlasConfig(), seed
             continue
         generator = torch.Generator().manual_seed(seed)
         subsets = random_subsets(config.subsets, generator)
-        save_arrays(target, sample_arrays(mesh, dict(np.load(rig)), config.size, subsets))
+        save_arrays(target, sample_arrays(mesh, read_arrays(rig), config.size, subsets))
         logger.info("prepared %s", target.name)
     return len(list(cache.glob(SAMPLES)))
 

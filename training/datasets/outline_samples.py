@@ -90,8 +90,9 @@ def load_solids(folder: Path) -> list[Solid]:
         mesh = shards.read_mesh(path)
         with np.load(path.with_name("occupancy.npz")) as file:
             points, distance = torch.from_numpy(file["points"]), torch.from_numpy(file["distance"])
-        if len(mesh.faces) <= MOST_FACES and int((distance > 0).sum()) > 100 and any(path.parent.glob("rig_*.npz")):
-            clouds = tuple(_cloud(rig) for rig in sorted(path.parent.glob("rig_*.npz")))
+        rigs = shards.rigs_of(path.parent)
+        if len(mesh.faces) <= MOST_FACES and int((distance > 0).sum()) > 100 and rigs:
+            clouds = tuple(_cloud(rig) for rig in rigs)
             solids.append(Solid(mesh, points, distance, clouds))
     logger.info("%d solids", len(solids))
     return solids
@@ -99,8 +100,7 @@ def load_solids(folder: Path) -> list[Solid]:
 
 def _cloud(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """What all pictures of a rig show, as points (C, 3) and colours (C, 3)."""
-    with np.load(path) as file:
-        arrays = {name: file[name] for name in ("rgba", "depth", "c2w", "K")}
+    arrays = shards.arrays(path, "rgba", "depth", "c2w", "K")
     points, colors = [], []
     for rgba, depth, camera in zip(arrays["rgba"], arrays["depth"], shards.cameras(arrays), strict=True):
         # Pixels at the outline mix the object with what is behind it.

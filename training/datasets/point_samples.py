@@ -88,8 +88,8 @@ def load_gloss(path: Path) -> PointSample:
 
 def _input_views(path: Path, *more: str) -> tuple[NetworkViews, dict[str, np.ndarray], bool]:
     """The six input views of a rig, compact; its cameras, colour, depth and `more`; whether it is the Zero123++ rig."""
-    with np.load(path) as file:  # Reads what is asked for; decompressing all would take three times as long.
-        arrays = {name: file[name] for name in ("rgba", "depth", "c2w", "K", *more)}
+    # What is asked for; decompressing all would take three times as long.
+    arrays = shards.arrays(path, "rgba", "depth", "c2w", "K", *more)
     cameras = shards.cameras(arrays)[:6]
     images = torch.from_numpy(arrays["rgba"][:6]).permute(0, 3, 1, 2).float() / 255.0
     linear = torch.cat([linear_from_srgb(images[:, :3]), images[:, 3:]], dim=1)

@@ -1,10 +1,9 @@
-"""A Blender scene for data: import one object, normalise it, light it, and give its materials AOVs.
+"""A Blender scene for data: import one object, normalise it, and give its materials AOVs.
 
 The albedo, roughness and metallic of a view come from the sockets of the Principled BSDF through AOVs, in the same
 Cycles pass as the lit image: the DiffCol pass is not albedo (it is scaled for dielectrics and black for metal).
 """
 
-import logging
 import math
 from pathlib import Path
 
@@ -12,13 +11,10 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from arm_blender.blender.compat import shader_tree
+from arm_blender.blender.compat import reason, shader_tree
 from arm_blender.errors import ArmError
-from arm_blender.graphics.color import LUMINANCE
 
 from .metals import METALS
-
-logger = logging.getLogger(__name__)
 
 AOVS = {
     "arm_albedo": ("COLOR", "Base Color"),
@@ -28,20 +24,52 @@ AOVS = {
 """AOV name: its type and the socket of the Principled BSDF that feeds it."""
 
 
-def import_object(path: Path) -> list[bpy.types.Object]:
-    """Empty the scene, import a GLB, glTF or OBJ (Z up, as Google Scanned Objects), return its objects."""
+def import_object(path: Path, up: str = "Y") -> list[bpy.types.Object]:
+    """Empty the scene, import a GLB, glTF, OBJ, FBX or USD, return its meshes.
+
+    None of these formats runs code on import; a .blend, which may, is not taken. What a file brings as a driver or
+    text stays dead: Blender's automatic execution is switched off here.
+
+    Args:
+        up: the axis that points up in an OBJ, "Y" or "Z"; the other formats say it, or fix it.
+    Raises:
+        ArmError: Blender cannot import it.
+    """
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    if path.suffix.lower() in {".glb", ".gltf"}:
-        bpy.ops.import_scene.gltf(filepath=str(path))
-    elif path.suffix.lower() == ".obj":
-        bpy.ops.wm.obj_import(filepath=str(path), forward_axis="Y", up_axis="Z")
-    else:
-        raise ArmError(f"{path}: cannot import {path.suffix or 'a file without extension'}; give GLB, glTF or OBJ")
-    objects = list(bpy.data.objects)
-    # The glTF importer hides nothing of its own accord, but keeps icospheres that display bones.
-    for ob in [o for o in objects if o.name.startswith("Icosphere") and not o.data.materials]:
-        bpy.data.objects.remove(ob)
+    bpy.context.preferences.filepaths.use_scripts_auto_execute = False
+    suffix, file = path.suffix.lower(), str(path)
+    try:
+        if suffix in {".glb", ".gltf"}:
+            bpy.ops.import_scene.gltf(filepath=file)
+        elif suffix == ".obj":
+            bpy.ops.wm.obj_import(filepath=file, forward_axis="Y" if up == "Z" else "NEGATIVE_Z", up_axis=up)
+        elif suffix == ".fbx":
+            bpy.ops.import_scene.fbx(filepath=file)
+        elif suffix in {".usd", ".usda", ".usdc", ".usdz"}:
+            bpy.ops.wm.usd_import(filepath=file, import_cameras=False, import_lights=False, set_frame_range=False)
+        else:
+            raise ArmError(
+                f"{path}: cannot import {suffix or 'a file without extension'}; give GLB, glTF, OBJ, FBX or USD"
+            )
+    except ArmError:
+        raise
+    except Exception as error:  # Blender's importers are scripts: a broken file ends in any of Python's errors.
+        raise ArmError(f"cannot be imported: {reason(error)}") from error
+    # Lights and cameras of a file are not the object's; the glTF importer keeps icospheres that display bones.
+    for ob in list(bpy.data.objects):
+        if ob.type in {"LIGHT", "CAMERA"} or (ob.name.startswith("Icosphere") and ob.data and not ob.data.materials):
+            bpy.data.objects.remove(ob)
     return [o for o in bpy.data.objects if o.type == "MESH" and not o.hide_render]
+
+
+def loose_points(objects: list[bpy.types.Object]) -> int:
+    """How many points of the file belong to no face: vertices of meshes, and point clouds."""
+    count = sum(len(o.data.points) for o in bpy.data.objects if o.type == "POINTCLOUD")
+    for ob in objects:
+        corners = np.empty(len(ob.data.loops), np.int32)
+        ob.data.loops.foreach_get("vertex_index", corners)
+        count += len(ob.data.vertices) - len(np.unique(corners))
+    return count
 
 
 def triangles(objects: list[bpy.types.Object]) -> tuple[np.ndarray, np.ndarray]:
@@ -62,7 +90,7 @@ def triangles(objects: list[bpy.types.Object]) -> tuple[np.ndarray, np.ndarray]:
         offset += len(vertices[-1])
         evaluated.to_mesh_clear()
     if not faces or not sum(map(len, faces)):
-        raise ArmError("the file holds no triangles")
+        raise ArmError("no triangles")
     return np.concatenate(vertices), np.concatenate(faces)
 
 
@@ -106,6 +134,39 @@ def make_opaque(material: bpy.types.Material) -> None:
         socket.default_value = value
 
 
+def complete_materials(objects: list[bpy.types.Object]) -> None:
+    """Give every object without a material the plain one that Blender draws, so that its albedo is known."""
+    for ob in objects:
+        if not ob.material_slots:
+            ob.data.materials.append(None)
+        for slot in ob.material_slots:
+            if slot.material is None:
+                slot.material = bpy.data.materials.new("plain")
+                shader_tree(slot.material)
+
+
+def materials(objects: list[bpy.types.Object]) -> list[bpy.types.Material]:
+    """What the objects are made of, each once."""
+    return list(dict.fromkeys(slot.material for ob in objects for slot in ob.material_slots if slot.material))
+
+
+def has_finish_map(material: bpy.types.Material) -> bool:
+    """Whether an image drives the roughness or the metallic of a material."""
+    node = principled(material)
+    if node is None:
+        return False
+    waiting, seen = [node.inputs["Roughness"], node.inputs["Metallic"]], set()
+    while waiting:
+        for link in waiting.pop().links:
+            source = link.from_node
+            if source.type == "TEX_IMAGE" and source.image is not None:
+                return True
+            if source.name not in seen:
+                seen.add(source.name)
+                waiting += list(source.inputs)
+    return False
+
+
 def vary_material(material: bpy.types.Material, rng: np.random.Generator) -> None:
     """A random finish for an object that has none of its own: a dielectric, or for one in four a real metal."""
     node = principled(material)
@@ -141,40 +202,3 @@ def add_aovs() -> None:
     for name, (kind, _) in AOVS.items():
         aov = layer.aovs.add()
         aov.name, aov.type = name, kind
-
-
-def set_world(hdri: Path, rotation_deg: float, strength: float) -> None:
-    """Light the scene by an equirectangular HDRI, turned about Z."""
-    world = bpy.data.worlds.new("environment")
-    bpy.context.scene.world = world
-    tree = shader_tree(world)
-    image = tree.nodes.new("ShaderNodeTexEnvironment")
-    image.image = bpy.data.images.load(str(hdri))
-    image.image.colorspace_settings.name = "Linear Rec.709"
-    coordinates, mapping = tree.nodes.new("ShaderNodeTexCoord"), tree.nodes.new("ShaderNodeMapping")
-    mapping.inputs["Rotation"].default_value[2] = math.radians(rotation_deg)
-    background = next(n for n in tree.nodes if n.type == "BACKGROUND")
-    background.inputs["Strength"].default_value = strength
-    tree.links.new(coordinates.outputs["Generated"], mapping.inputs["Vector"])
-    tree.links.new(mapping.outputs["Vector"], image.inputs["Vector"])
-    tree.links.new(image.outputs["Color"], background.inputs["Color"])
-    # Cycles rebuilds the importance map for each new environment; 256 texels are enough for noise at our sizes.
-    world.cycles.sampling_method = "MANUAL"
-    world.cycles.sample_map_resolution = 256
-
-
-def mean_radiance(hdri: Path) -> float:
-    """Mean luminance of an environment over the sphere, to bring all of them to one exposure."""
-    image = bpy.data.images.load(str(hdri))
-    width, height = image.size
-    pixels = np.empty(width * height * 4, np.float32)
-    image.pixels.foreach_get(pixels)
-    bpy.data.images.remove(image)
-    luminance = pixels.reshape(height, width, 4)[..., :3] @ np.array(LUMINANCE, np.float32)
-    weight = np.sin((np.arange(height) + 0.5) / height * math.pi)
-    return float((luminance.mean(1) * weight).sum() / weight.sum())
-
-
-def blender_environments() -> list[Path]:
-    """The CC0 environments that Blender ships for its viewport."""
-    return sorted(Path(bpy.utils.system_resource("DATAFILES"), "studiolights", "world").glob("*.exr"))

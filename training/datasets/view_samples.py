@@ -58,8 +58,7 @@ class Crop:
 def load(path: Path, config: ReconstructionConfig) -> ViewSample:
     """The sample of one `rig_<k>.npz`, for networks of `config`."""
     names = ("rgba", "depth", "normal", "c2w", "K")
-    with np.load(path) as file:
-        arrays = {name: file[name] for name in names}
+    arrays = shards.arrays(path, *names)
     images = torch.from_numpy(arrays["rgba"]).permute(0, 3, 1, 2).float() / 255.0
     linear = torch.cat([linear_from_srgb(images[:INPUTS, :3]), images[:INPUTS, 3:]], dim=1)
     cameras = shards.cameras(arrays)
