@@ -18,13 +18,13 @@ from arm_blender.errors import ArmError
 from arm_blender.models.georm import RAW_ISO, GeoRM
 from arm_blender.models.reconstruction import EncodedViews, NetworkViews, ReconstructionConfig
 
-from .. import distributed
+from .. import distributed, trainer
 from ..datasets import shards, view_samples
 from ..datasets.point_samples import drop_views, is_held_out
 from ..datasets.view_samples import Crop, ViewSample
 from ..losses import GeometryLossConfig, Perceptual, SurfaceMaps, geometry_loss
 from ..lpips import Lpips
-from ..trainer import Trainer, TrainerConfig
+from ..trainer import Trainer
 from ..volume_rendering import Rays, SamplingConfig, draw, render
 
 logger = logging.getLogger(__name__)
@@ -117,16 +117,8 @@ def validate(model: GeoRM, paths: list[Path], network: ReconstructionConfig, con
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What `python -m training fit georm-volume` takes."""
-    parser.add_argument("--shards", type=Path, required=True)
-    parser.add_argument("--output", type=Path, required=True, help="safetensors file of the weights")
-    parser.add_argument("--start", type=Path, help="GeoRM's weights to go on from")
-    parser.add_argument("--preset", choices=tuple(PRESETS), default="small", help="sizes of the network and of a step")
-    parser.add_argument("--minutes", type=float, default=60.0)
-    parser.add_argument("--batch", type=int, default=1, help="objects a step; the paper's is 1 in each of 8 processes")
-    parser.add_argument("--learning-rate", type=float, default=4e-5, help="the paper's")
+    trainer.add_arguments(parser, minutes=60.0, learning_rate=4e-5)
     parser.add_argument("--lpips", type=Path, help="weights of LPIPS (VGG), to compare normals as the paper does")
-    parser.add_argument("--bfloat16", action="store_true", help="encode in bfloat16: faster where the CPU knows it")
-    parser.add_argument("--seed", type=int, default=0)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -143,9 +135,7 @@ def run(args: argparse.Namespace) -> int:
     model = GeoRM(network)
     if args.start:
         checkpoints.restore(model, checkpoints.load(args.start, ReconstructionConfig)[1], args.start)
-    # Adam without decay, as in the paper.
-    trainer_config = TrainerConfig(minutes=args.minutes, learning_rate=args.learning_rate, weight_decay=0.0)
-    trainer = Trainer(model, trainer_config, args.output.with_suffix(".resume"))
+    loop = Trainer.from_arguments(model, args)
 
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
         draws = distributed.generator(args.seed, index)
@@ -157,8 +147,8 @@ def run(args: argparse.Namespace) -> int:
                 totals[name] = totals.get(name, 0.0) + term / args.batch
         return sum(totals.values()), {name: float(term.detach()) for name, term in totals.items()}
 
-    averaged = trainer.run(step, lambda averaged: validate(averaged, held_out[:VALIDATED], network, config))
+    averaged = loop.run(step, lambda averaged: validate(averaged, held_out[:VALIDATED], network, config))
     if distributed.rank() == 0:
-        metadata = {"steps": str(trainer.step), "samples": str(len(training))}
+        metadata = {"steps": str(loop.step), "samples": str(len(training))}
         checkpoints.save(args.output, averaged.state_dict(), network, f"{args.preset}.georm", metadata)
     return 0

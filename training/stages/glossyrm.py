@@ -24,7 +24,7 @@ from ..datasets.point_samples import (
     depth_loss,
     load_gloss,
 )
-from ..trainer import Trainer, TrainerConfig
+from ..trainer import Trainer
 from .view_side import EveryStep, Once, view_side
 
 logger = logging.getLogger(__name__)
@@ -60,9 +60,7 @@ def run(args: argparse.Namespace) -> int:
     side = view_side(model, load_gloss, args)
     samples = SampleCache(args.shards, side.load, shards.real_objects(args.data), side.pictures)
     constant = torch.stack([s.target.float().mean(0) for s in samples.training]).mean(0)
-    trainer = Trainer(
-        model, TrainerConfig(minutes=args.minutes, learning_rate=args.learning_rate), args.output.with_suffix(".resume")
-    )
+    trainer = Trainer.from_arguments(model, args)
 
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
         batch = samples.batch(args.batch, args.points, distributed.generator(args.seed, index))
