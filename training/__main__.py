@@ -30,6 +30,7 @@ STAGES = {
     "georm-outlines": ("training.stages.georm_outlines", "GeoRM, from outlines and colours alone"),
     "georm": ("training.stages.georm_occupancy", "GeoRM, warmed up on occupancy"),
     "georm-volume": ("training.stages.georm_volume", "GeoRM, by rendering its density: the paper's first stage"),
+    "georm-surface": ("training.stages.georm_surface", "GeoRM, by rasterising its surface: the paper's second stage"),
     "glossyrm": ("training.stages.glossyrm", "GlossyRM: roughness and metallic at surface points"),
     "instant-albedo": ("training.stages.instant_albedo", "InstantAlbedo: albedo and lighting-baked colour"),
 }

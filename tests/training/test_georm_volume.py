@@ -12,7 +12,7 @@ from training import __main__ as command
 from training.datasets import view_samples
 from training.datasets.view_samples import ViewSample
 from training.losses import SurfaceMaps
-from training.stages import georm_volume
+from training.stages import georm_volume, rendered_views
 from training.stages.georm_volume import VolumeConfig, rendering_loss, sample_loss
 from training.volume_rendering import SamplingConfig
 
@@ -24,7 +24,7 @@ SIZE = 48
 @pytest.fixture
 def shards(ball_shards, monkeypatch) -> Path:
     """Three balls; the last is held out."""
-    monkeypatch.setattr(georm_volume, "is_held_out", lambda path: path.parent.name == "three")
+    monkeypatch.setattr(rendered_views, "is_held_out", lambda path: path.parent.name == "three")
     return ball_shards
 
 
@@ -115,7 +115,7 @@ def test_a_fit_leaves_weights_that_go_on_and_validates_what_it_never_saw(shards,
 
 
 def test_shards_that_only_validate_are_refused(shards, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(georm_volume, "is_held_out", lambda path: True)
+    monkeypatch.setattr(rendered_views, "is_held_out", lambda path: True)
     words = ["--shards", str(shards), "--output", str(tmp_path / "x.safetensors")]
     assert command.main(["fit", "georm-volume", *words]) == 1
     assert f"{shards}: all of its 3 samples only validate; render more objects" in capsys.readouterr().err

@@ -1,8 +1,9 @@
 """Samples that supervise what a network renders: all views of a rig with their true mask, depth and normals."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -90,7 +91,16 @@ def moved(sample: ViewSample, generator: torch.Generator) -> ViewSample:
     normal = torch.einsum("ij,vjhw->vihw", turn, sample.truth.normal)
     truth = SurfaceMaps(sample.truth.mask, scale * sample.truth.depth, normal)
     inputs = replace(sample.inputs, c2w=carried(sample.inputs.c2w))
-    return ViewSample(inputs, carried(sample.c2w), sample.K, truth, scale * vertices)
+    return replace(sample, inputs=inputs, c2w=carried(sample.c2w), truth=truth, vertices=scale * vertices)
+
+
+def on_device(value: Any, device: torch.device) -> Any:
+    """The same, with every tensor that it is made of on a device; of samples, or of what these consist of."""
+    if isinstance(value, Tensor):
+        return value.to(device)
+    if is_dataclass(value):
+        return replace(value, **{part.name: on_device(getattr(value, part.name), device) for part in fields(value)})
+    return value
 
 
 def crop(sample: ViewSample, chosen: Tensor, side: int, size: int, generator: torch.Generator) -> Crop:
