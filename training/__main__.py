@@ -31,7 +31,8 @@ STAGES = {
     "georm": ("training.stages.georm_occupancy", "GeoRM, warmed up on occupancy"),
     "georm-volume": ("training.stages.georm_volume", "GeoRM, by rendering its density: the paper's first stage"),
     "georm-surface": ("training.stages.georm_surface", "GeoRM, by rasterising its surface: the paper's second stage"),
-    "glossyrm": ("training.stages.glossyrm", "GlossyRM: roughness and metallic at surface points"),
+    "glossyrm-points": ("training.stages.glossyrm_points", "GlossyRM, warmed up at surface points"),
+    "glossyrm": ("training.stages.glossyrm", "GlossyRM, on the surface that GeoRM finds: the paper's way"),
     "instant-albedo": ("training.stages.instant_albedo", "InstantAlbedo: albedo and lighting-baked colour"),
 }
 

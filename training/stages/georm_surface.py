@@ -12,7 +12,6 @@ import torch
 from torch import Tensor
 
 from arm_blender.config import PRESETS
-from arm_blender.graphics.cameras import Camera
 from arm_blender.models.georm import GeoRM
 from arm_blender.models.reconstruction import EncodedViews
 
@@ -83,14 +82,7 @@ def rendering_loss(
 def rendered(field: RawDensity, sample: ViewSample, chosen: Tensor, config: SurfaceConfig) -> SurfaceMaps | None:
     """What the views of index `chosen` see of the field's surface; None where it has none."""
     surface = iso_surface(field, config.grid, sample.c2w.device)
-    return None if surface is None else surface_maps(surface, cameras(sample, chosen, config.side))
-
-
-def cameras(sample: ViewSample, chosen: Tensor, side: int) -> list[Camera]:
-    """Those of the views of index `chosen`, with `side` pixels."""
-    own = sample.truth.mask.shape[-1]
-    found = (Camera(sample.c2w[index], sample.K[index], own, own) for index in chosen.tolist())
-    return [camera.resized(side, side) for camera in found]
+    return None if surface is None else surface_maps(surface, view_samples.cameras(sample, chosen, config.side))
 
 
 def nothing(like: SurfaceMaps) -> SurfaceMaps:
