@@ -190,8 +190,11 @@ class Trainer:
         return 1.0 if spent >= budget else spent / budget
 
     def learning_rate(self) -> float:
-        """Linear warm-up, then a cosine over the budget."""
-        warmup = min(1.0, (self.step + 1) / self.config.warmup_steps)
+        """Linear warm-up, over a tenth of a budget of steps at most, then a cosine over the budget."""
+        rising = self.config.warmup_steps
+        if self.config.steps is not None:
+            rising = min(rising, max(1, self.config.steps // 10))
+        warmup = min(1.0, (self.step + 1) / rising)
         return self.config.learning_rate * warmup * 0.5 * (1.0 + math.cos(math.pi * self.progress()))
 
     @torch.no_grad()
@@ -270,7 +273,8 @@ class Trainer:
         training = self.averaged.training
         self.averaged.eval()
         with torch.no_grad():
-            self.report("validation", validate(self.averaged))
+            if numbers := validate(self.averaged):
+                self.report("validation", numbers)
             if pictures is not None:
                 self.record.picture(self.step, pictures(self.averaged))
         self.averaged.train(training)

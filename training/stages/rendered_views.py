@@ -23,6 +23,7 @@ from .. import distributed, trainer
 from ..datasets import shards, view_samples
 from ..datasets.point_samples import drop_views, is_held_out
 from ..datasets.view_samples import ViewSample
+from ..feature_distance import FeatureDistance
 from ..losses import Perceptual
 from ..lpips import Lpips
 from ..trainer import Trainer
@@ -60,13 +61,17 @@ class ViewStage:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What `python -m training fit` takes for these stages; the rate is the paper's."""
     trainer.add_arguments(parser, minutes=60.0, learning_rate=4e-5)
-    parser.add_argument("--lpips", type=Path, help="weights of LPIPS (VGG), to compare pictures as the paper does")
+    perceptual = parser.add_mutually_exclusive_group()
+    perceptual.add_argument("--lpips", type=Path, help="weights of LPIPS (VGG), to compare pictures as the paper does")
+    perceptual.add_argument("--feature-distance", action="store_true", help="instead: EfficientNet-Lite0's")
     parser.add_argument("--fewer-views", type=float, help="share of the steps that show 1 to 5 of the six views")
     parser.add_argument("--device", default="cpu", help="cpu or cuda; under torchrun each process takes its own")
 
 
 def perceptual(args: argparse.Namespace) -> Perceptual | None:
     """The perceptual distance that the arguments ask for."""
+    if args.feature_distance:
+        return FeatureDistance.installed()
     return Lpips.from_file(args.lpips) if args.lpips else None
 
 
