@@ -24,6 +24,7 @@ COMMANDS = {
     "left-out": ("training.evaluation.left_out", "show which work the pipeline skips where a scene does not need it"),
     "shading": ("training.evaluation.shading_blender", "compare the direct light of our BRDF with Cycles'"),
     "presets": ("training.evaluation.presets", "count the parameters of every preset"),
+    "paper-step": ("training.evaluation.paper_step", "count and run a training step at the paper's sizes"),
     "credits": ("training.evaluation.credits", "list the sources of the training objects"),
 }
 STAGES = {
