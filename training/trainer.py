@@ -71,23 +71,28 @@ class TrainerConfig:
 def add_arguments(
     parser: argparse.ArgumentParser, minutes: float, learning_rate: float, presets: tuple[str, ...] = tuple(PRESETS)
 ) -> None:
-    """The options of every stage, with that stage's defaults."""
-    default = TrainerConfig()
+    """The options of every stage that learns from shards, with that stage's defaults."""
     parser.add_argument("--shards", type=Path, required=True)
     parser.add_argument(
         "--output", type=Path, required=True, help="safetensors file of the weights; runs/NAME/ beside it logs"
     )
     parser.add_argument("--start", type=Path, help="the stage's own weights to go on from")
     parser.add_argument("--preset", choices=presets, default="small", help="sizes of the network and of a step")
+    parser.add_argument("--batch", type=int, default=1, help="objects a step in each process; the paper's is 1 in 8")
+    parser.add_argument("--bfloat16", action="store_true", help="encode in bfloat16: faster where the device knows it")
+    add_loop_arguments(parser, minutes, learning_rate)
+
+
+def add_loop_arguments(parser: argparse.ArgumentParser, minutes: float, learning_rate: float) -> None:
+    """The options of the loop alone; `config` reads them."""
+    default = TrainerConfig()
     parser.add_argument("--minutes", type=float, default=minutes, help="of the whole fit, resumed ones included")
     parser.add_argument("--steps", type=int, help="of the whole fit, instead of minutes")
-    parser.add_argument("--batch", type=int, default=1, help="objects a step in each process; the paper's is 1 in 8")
     parser.add_argument("--learning-rate", type=float, default=learning_rate)
     parser.add_argument("--warmup-steps", type=int, default=default.warmup_steps)
     parser.add_argument("--weight-decay", type=float, default=0.0, help="0 is the paper's Adam")
     parser.add_argument("--clip", type=float, default=default.clip, help="largest norm of the gradient")
     parser.add_argument("--average", type=float, default=default.average, help="of the weights, exponential; 0 is none")
-    parser.add_argument("--bfloat16", action="store_true", help="encode in bfloat16: faster where the device knows it")
     parser.add_argument("--recompute", action="store_true", help="activations of blocks anew for the gradient")
     parser.add_argument("--compile", action="store_true", help="compile repeated blocks; needs a C++ compiler")
     parser.add_argument("--log-every", type=int, default=default.log_every, help="steps")
@@ -96,14 +101,14 @@ def add_arguments(
 
 
 def config(args: argparse.Namespace) -> TrainerConfig:
-    """What the options of `add_arguments` say.
+    """What the options of `add_loop_arguments` say.
 
     Raises:
         ArmError: a number is out of its range.
     """
     for name, low, high in (("steps", 1, None), ("average", 0.0, 1.0), ("clip", 1e-12, None), ("batch", 1, None),
                             ("log_every", 1, None), ("warmup_steps", 1, None), ("seed", 0, 2**15 - 1)):  # fmt: skip
-        value = getattr(args, name)
+        value = getattr(args, name, None)
         if value is not None and not (value >= low and (high is None or value <= high)):
             raise ArmError(f"--{name.replace('_', '-')} {value}: give {low:g}{f' to {high:g}' if high else ' or more'}")
     same = ("minutes", "steps", "learning_rate", "warmup_steps", "weight_decay", "clip", "average", "log_every", "seed")

@@ -1,5 +1,6 @@
 """The loop: it learns, survives a bad sample, and goes on from its file."""
 
+import argparse
 import math
 
 import pytest
@@ -122,3 +123,15 @@ def test_the_learning_rate_rises_and_falls_to_zero(tmp_path):
     assert loop.learning_rate() == pytest.approx(CONFIG.learning_rate / 2.0)
     loop.spent = 60.0 * CONFIG.minutes
     assert loop.learning_rate() == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "remedy"),
+    [("--steps", "0", "1 or more"), ("--average", "1.5", "0 to 1"), ("--seed", "-1", "0 to 32767")],
+)
+def test_a_number_out_of_its_range_is_one_line(option, value, remedy):
+    parser = argparse.ArgumentParser()
+    trainer.add_loop_arguments(parser, minutes=1.0, learning_rate=1e-3)
+    assert trainer.config(parser.parse_args([])).learning_rate == 1e-3
+    with pytest.raises(ArmError, match=f"^{option} {value}.*: give .*{remedy}"):
+        trainer.config(parser.parse_args([option, value]))

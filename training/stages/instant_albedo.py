@@ -19,7 +19,7 @@ from arm_blender.graphics.color import srgb_from_linear
 from arm_blender.models.instant_albedo import SMALL, InstantAlbedo, InstantAlbedoConfig
 from arm_blender.structures import TexelMap
 
-from .. import distributed
+from .. import distributed, trainer
 from ..datasets import atlases
 from ..datasets.atlases import Atlas
 from ..losses import ImageLossConfig, Perceptual, image_loss
@@ -65,14 +65,14 @@ def fit(
     training, held_out = split(atlases.files(cache), settings.held_out)
     logger.info("%d samples, %d held out", len(training), len(held_out))
     output.parent.mkdir(parents=True, exist_ok=True)
-    trainer = Trainer(InstantAlbedo(config), trainer_config, output.with_suffix(".resume"))
+    loop = Trainer(InstantAlbedo(config), trainer_config, output.with_suffix(".resume"))
 
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
         random = distributed.generator(seed, index)
-        return sample_loss(trainer.model, draw(training, random), settings, random)
+        return sample_loss(loop.model, draw(training, random), settings, random)
 
-    averaged = trainer.run(step, lambda model: validate(model, held_out, settings))
-    metadata = {"steps": str(trainer.step), "samples": str(len(training))}
+    averaged = loop.run(step, lambda model: validate(model, held_out, settings))
+    metadata = {"steps": str(loop.step), "samples": str(len(training))}
     if distributed.rank() == 0:
         checkpoints.save(output, averaged.state_dict(), config, "small.instant_albedo", metadata, half=True)
     return averaged
@@ -188,12 +188,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--shards", type=Path, help="rendered objects; prepared into --cache where they are not yet")
     parser.add_argument("--cache", type=Path, required=True, help="folder of prepared samples")
     parser.add_argument("--output", type=Path, required=True, help="checkpoint to write")
-    parser.add_argument("--minutes", type=float, default=25.0, help="of the whole fit; 0 only prepares")
     parser.add_argument("--size", type=int, default=192, help="texels a side of the prepared atlases")
     parser.add_argument("--views", type=int, default=FitConfig.views, help="truth views compared in a step")
     parser.add_argument("--lpips", type=Path, help="weights of LPIPS (VGG); without them its term is left out")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--learning-rate", type=float, default=4e-4, help="the paper's")
+    trainer.add_loop_arguments(parser, minutes=25.0, learning_rate=4e-4)  # The paper's rate. No minutes: prepare only.
 
 
 def run(args: argparse.Namespace) -> int:
@@ -202,8 +200,7 @@ def run(args: argparse.Namespace) -> int:
         count = atlases.prepare(args.shards, args.cache, atlases.AtlasConfig(size=args.size), args.seed)
         logger.info("%d samples in %s", count, args.cache)
     if args.minutes > 0:
-        # Adam without decay, as in the paper.
-        config = TrainerConfig(minutes=args.minutes, learning_rate=args.learning_rate, weight_decay=0.0)
+        config = trainer.config(args)
         settings = FitConfig(views=args.views, perceptual=Lpips.from_file(args.lpips) if args.lpips else None)
         fit(args.cache, SMALL, args.output, config, args.seed, settings)
     return 0

@@ -136,7 +136,8 @@ def split(folder: Path) -> tuple[list[Path], list[Path]]:
     training, held_out = ([path for path in paths if is_held_out(path) == which] for which in (False, True))
     if not training:
         raise ArmError(f"{folder}: all of its {len(paths)} samples only validate; render more objects")
-    logger.info("%d samples to train on, %d held out", len(training), len(held_out))
+    if distributed.rank() == 0:
+        logger.info("%d samples to train on, %d held out", len(training), len(held_out))
     return training, held_out
 
 
