@@ -8,7 +8,7 @@ import torch
 from torch import nn
 
 from arm_blender.errors import ArmError, CheckpointError
-from training import trainer
+from training import options, trainer
 from training.trainer import Trainer, TrainerConfig
 
 
@@ -131,7 +131,7 @@ def test_the_learning_rate_rises_and_falls_to_zero(tmp_path):
 )
 def test_a_number_out_of_its_range_is_one_line(option, value, remedy):
     parser = argparse.ArgumentParser()
-    trainer.add_loop_arguments(parser, minutes=1.0, learning_rate=1e-3)
-    assert trainer.config(parser.parse_args([])).learning_rate == 1e-3
+    options.add_loop_arguments(parser, minutes=1.0, learning_rate=1e-3)
+    assert options.config(parser.parse_args([])).learning_rate == 1e-3
     with pytest.raises(ArmError, match=f"^{option} {value}.*: give .*{remedy}"):
-        trainer.config(parser.parse_args([option, value]))
+        options.config(parser.parse_args([option, value]))

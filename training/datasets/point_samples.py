@@ -19,7 +19,7 @@ from arm_blender.graphics.color import linear_from_srgb
 from arm_blender.models.reconstruction import SMALL, NetworkViews, network_views
 from arm_blender.structures import ViewSet
 
-from .. import trainer
+from .. import options
 from . import shards
 
 logger = logging.getLogger(__name__)
@@ -225,7 +225,7 @@ def load_held_out(folder: Path) -> list[PointSample]:
 
 def add_point_arguments(parser: argparse.ArgumentParser, minutes: float, points: int, learning_rate: float) -> None:
     """The options of a stage that learns at points; such stages know `small` only, and run on the CPU."""
-    trainer.add_arguments(parser, minutes, learning_rate, presets=("small",))
+    options.add_arguments(parser, minutes, learning_rate, presets=("small",))
     parser.set_defaults(batch=2, weight_decay=0.01)
     parser.add_argument("--points", type=int, default=points, help="points an object")
 

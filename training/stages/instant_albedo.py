@@ -19,7 +19,7 @@ from arm_blender.graphics.color import srgb_from_linear
 from arm_blender.models.instant_albedo import SMALL, InstantAlbedo, InstantAlbedoConfig
 from arm_blender.structures import TexelMap
 
-from .. import distributed, trainer
+from .. import distributed, options
 from ..datasets import atlases
 from ..datasets.atlases import Atlas
 from ..losses import ImageLossConfig, Perceptual, image_loss
@@ -191,7 +191,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--size", type=int, default=192, help="texels a side of the prepared atlases")
     parser.add_argument("--views", type=int, default=FitConfig.views, help="truth views compared in a step")
     parser.add_argument("--lpips", type=Path, help="weights of LPIPS (VGG); without them its term is left out")
-    trainer.add_loop_arguments(parser, minutes=25.0, learning_rate=4e-4)  # The paper's rate. No minutes: prepare only.
+    options.add_loop_arguments(parser, minutes=25.0, learning_rate=4e-4)  # The paper's rate. No minutes: prepare only.
 
 
 def run(args: argparse.Namespace) -> int:
@@ -200,7 +200,7 @@ def run(args: argparse.Namespace) -> int:
         count = atlases.prepare(args.shards, args.cache, atlases.AtlasConfig(size=args.size), args.seed)
         logger.info("%d samples in %s", count, args.cache)
     if args.minutes > 0:
-        config = trainer.config(args)
+        config = options.config(args)
         settings = FitConfig(views=args.views, perceptual=Lpips.from_file(args.lpips) if args.lpips else None)
         fit(args.cache, SMALL, args.output, config, args.seed, settings)
     return 0

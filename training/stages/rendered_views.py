@@ -19,7 +19,7 @@ from arm_blender.models.georm import GeoRM
 from arm_blender.models.glossyrm import GlossyRM
 from arm_blender.models.reconstruction import EncodedViews, NetworkViews, ReconstructionConfig
 
-from .. import distributed, trainer
+from .. import distributed, options
 from ..datasets import shards, view_samples
 from ..datasets.point_samples import drop_views, is_held_out
 from ..datasets.view_samples import ViewSample
@@ -60,7 +60,7 @@ class ViewStage:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What `python -m training fit` takes for these stages; the rate is the paper's."""
-    trainer.add_arguments(parser, minutes=60.0, learning_rate=4e-5)
+    options.add_arguments(parser, minutes=60.0, learning_rate=4e-5)
     perceptual = parser.add_mutually_exclusive_group()
     perceptual.add_argument("--lpips", type=Path, help="weights of LPIPS (VGG), to compare pictures as the paper does")
     perceptual.add_argument("--feature-distance", action="store_true", help="instead: EfficientNet-Lite0's")
