@@ -265,9 +265,9 @@ _EXPLANATION = """One object a step in each process, in float32, without LPIPS's
   the surface and vertices are decoded in parts and again for the gradient in any case; `--recompute` does the same with
   the layers of the encoder and of the transformer and with the upsampler's blocks. One part's own activations come on
   top while its gradient is computed.
-- **Run on the processor**: one step, forward and backward, with `--recompute`: seconds on one thread of a shared
-  machine, and the process's peak memory, weights and gradient among it. Every weight got a finite gradient. The object
-  is a made-up ball.
+- **Run on the processor**: one step, forward and backward, with `--recompute`: seconds by the clock on one thread
+  of a machine that other work shared, so an upper bound, and the process's peak memory, weights and gradient among it.
+  Every weight got a finite gradient. The object is a made-up ball.
 - Where it says shapes alone, forward and backward were followed and memory was counted, and nothing was computed."""
 
 _MADE = "Made by `python -m training paper-step --update-document`."
