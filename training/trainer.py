@@ -12,12 +12,13 @@ import math
 import time
 from collections.abc import Callable
 from pathlib import Path
+from pickle import UnpicklingError
 
 import torch
 from torch import Tensor, nn
 
 from arm_blender.errors import ArmError, CheckpointError
-from arm_blender.files import whole_file
+from arm_blender.files import check_output, whole_file
 
 from . import blocks, distributed
 from .options import TrainerConfig, config
@@ -72,6 +73,7 @@ class Trainer:
     def from_arguments(cls, model: nn.Module, args: argparse.Namespace) -> "Trainer":
         """As the options of every stage say, with a record in runs/NAME/ beside the output NAME.safetensors."""
         settings = config(args)
+        check_output(args.output.parent)
         args.output.parent.mkdir(parents=True, exist_ok=True)
         folder = args.output.parent / "runs" / args.output.stem if distributed.rank() == 0 else None
         record = RunRecord(folder, vars(args))
@@ -102,8 +104,10 @@ class Trainer:
             self.optimizer.load_state_dict(state["optimizer"])
             for name in _COUNTED:
                 setattr(self, name, state[name])
-        except (RuntimeError, KeyError, ValueError) as error:
-            raise CheckpointError(f"{self.resume}: is of another network or version ({error}); {remedy}") from error
+        except (RuntimeError, KeyError, ValueError, EOFError, OSError, UnpicklingError) as error:
+            raise CheckpointError(
+                f"{self.resume}: is damaged, or of another network or version ({error}); {remedy}"
+            ) from error
         logger.info("going on from step %d after %.1f minutes", self.step, self.spent / 60.0)
 
     def progress(self) -> float:

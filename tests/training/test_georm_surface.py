@@ -53,6 +53,10 @@ class Solid(torch.nn.Module):
         return 100.0 * (self.radius - (points - self.center).norm(dim=-1))
 
 
+def total(terms: dict[str, Tensor]) -> float:
+    return float(sum(terms.values()).detach())
+
+
 def known(sample: ViewSample) -> Solid:
     """The ball of a sample, wherever it was moved, by its vertices."""
     center = sample.vertices.mean(dim=0)
@@ -65,15 +69,15 @@ def test_the_truth_costs_almost_nothing_however_it_is_moved(shards, tiny_network
     draws = torch.Generator()
     sample = view_samples.moved(view_samples.load(shards / name / "rig_0.npz", tiny_network), draws.manual_seed(3))
     config, ball = replace(FEW, grid=48, side=48), known(sample)
-    cost = float(sum(sample_loss(ball, sample, config, draws.manual_seed(0)).values()))
+    cost = total(sample_loss(ball, sample, config, draws.manual_seed(0)))
     assert cost < 0.03
     for factor, sign in ((0.8, -1.0), (1.2, 1.0)):
-        other = Solid(factor * float(ball.radius), ball.center)
+        other = Solid(factor * float(ball.radius.detach()), ball.center)
         loss = sum(sample_loss(other, sample, config, draws.manual_seed(0)).values())
         loss.backward()
-        assert float(loss) > 2.0 * cost and sign * float(other.radius.grad) > 0.0
-    elsewhere = Solid(float(ball.radius), ball.center + torch.tensor([0.1, 0.0, 0.0]))
-    assert float(sum(sample_loss(elsewhere, sample, config, draws.manual_seed(0)).values())) > 2.0 * cost
+        assert float(loss.detach()) > 2.0 * cost and sign * float(other.radius.grad) > 0.0
+    elsewhere = Solid(float(ball.radius.detach()), ball.center + torch.tensor([0.1, 0.0, 0.0]))
+    assert total(sample_loss(elsewhere, sample, config, draws.manual_seed(0))) > 2.0 * cost
 
 
 @pytest.mark.parametrize("offset", [-1e4, -30.0, 1e4], ids=["empty", "almost", "full"])
@@ -91,7 +95,7 @@ def test_without_a_surface_the_gradient_pulls_one_out(shards, tiny_network, offs
     loss = pull_towards_truth(field, whole, FEW, torch.Generator().manual_seed(0))
     (gradient,) = torch.autograd.grad(loss, raw[-1])
     radius = asked[-1].norm(dim=-1)
-    assert bool(gradient.isfinite().all()) and float(loss) == pytest.approx(abs(offset))
+    assert bool(gradient.isfinite().all()) and float(loss.detach()) == pytest.approx(abs(offset))
     if offset < 0:  # A step against the gradient fills the ball, a cell deep.
         assert bool((radius[gradient < 0.0] < 0.63).all()) and bool((gradient <= 0.0).all())
         assert int((gradient < 0.0).sum()) > 20
@@ -117,7 +121,7 @@ def test_one_object_is_learnt_from_a_box_without_a_surface(shards, request, fixt
         loss.backward()
         torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
         optimizer.step()
-        costs.append(float(sum(term for name, term in terms.items() if name != "pull")))
+        costs.append(total({name: term for name, term in terms.items() if name != "pull"}))
         assert "pull" in terms or len(costs) > 1
     assert "pull" not in terms
     assert sum(costs[-10:]) < 0.5 * sum(costs[:10])
@@ -133,12 +137,13 @@ def test_a_view_without_foreground_teaches_emptiness(shards, tiny_network):
     config = replace(FEW, views=1, fewer_views=1.0)
     terms = sample_loss(ball, empty, config, torch.Generator().manual_seed(0))
     sum(terms.values()).backward()
-    assert float(terms["depth"]) == 0.0 == float(terms["normal"]) < float(terms["mask"])
+    depth, mask, normal = (float(terms[name].detach()) for name in ("depth", "mask", "normal"))
+    assert depth == 0.0 == normal < mask
     assert bool(ball.radius.grad.isfinite()) and float(ball.radius.grad) > 0.0
     gone = Solid(-1.0, torch.zeros(3))  # No surface, and rightly so.
     terms = sample_loss(gone, empty, config, torch.Generator().manual_seed(0))
     sum(terms.values()).backward()
-    assert float(sum(terms.values())) == 0.0 and float(gone.radius.grad) == 0.0
+    assert total(terms) == 0.0 and float(gone.radius.grad) == 0.0
 
 
 def test_a_fit_leaves_weights_a_record_and_a_picture(shards, tmp_path, monkeypatch):
@@ -153,3 +158,10 @@ def test_a_fit_leaves_weights_a_record_and_a_picture(shards, tmp_path, monkeypat
     assert {"config.json", "scalars.csv", "validation.png"} <= {path.name for path in record.iterdir()}
     rows = (record / "scalars.csv").read_text().splitlines()
     assert sum(row.startswith("3,mean,loss") for row in rows) == 1 and "3,validation,mask" in "\n".join(rows)
+
+
+def test_an_output_that_cannot_be_written_is_said_before_the_first_step(shards, tmp_path, capsys):
+    (tmp_path / "file").write_text("in the way")
+    words = ["fit", "georm-surface", "--shards", str(shards), "--output", str(tmp_path / "file" / "x.safetensors")]
+    assert command.main(words) == 1
+    assert f"{tmp_path / 'file'}: is a file, not a folder" in capsys.readouterr().err

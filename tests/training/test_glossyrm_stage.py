@@ -89,6 +89,7 @@ def test_gradients_are_finite_at_the_ends_of_the_range(sample, roughness):
     assert bool(model.roughness.grad.isfinite()) and float(model.roughness.grad) * (roughness - 0.5) > 0.0
 
 
+@torch.no_grad()
 def test_moving_an_object_changes_nothing_that_is_compared(sample):
     draws = torch.Generator().manual_seed(5)
     moved = view_samples.moved(sample, draws)

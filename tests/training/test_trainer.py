@@ -99,11 +99,12 @@ def test_a_resume_file_of_another_run_is_refused_in_one_line(tmp_path):
     Trainer(line(), TrainerConfig(steps=1), path).run(lambda step: (line().weight.sum(), {}), nothing)
     with pytest.raises(CheckpointError, match="line.resume: was begun with --seed 0, not 1"):
         Trainer(line(), TrainerConfig(steps=2, seed=1), path)
-    with pytest.raises(CheckpointError, match="line.resume: is of another network"):
+    with pytest.raises(CheckpointError, match="line.resume: is damaged, or of another network"):
         Trainer(nn.Linear(2, 1), TrainerConfig(steps=2), path)
-    path.write_bytes(path.read_bytes()[:100])
-    with pytest.raises(CheckpointError, match="line.resume"):
-        Trainer(line(), TrainerConfig(steps=2), path)
+    for damaged in (path.read_bytes()[:100], b"nothing", b""):
+        path.write_bytes(damaged)
+        with pytest.raises(CheckpointError, match="line.resume: is damaged"):
+            Trainer(line(), TrainerConfig(steps=2), path)
 
 
 def test_a_spent_budget_is_not_spent_again(tmp_path, clock):
