@@ -26,13 +26,16 @@ COMMANDS = {
     "left-out": ("training.evaluation.left_out", "show which work the pipeline skips where a scene does not need it"),
     "shading": ("training.evaluation.shading_blender", "compare the direct light of our BRDF with Cycles'"),
     "presets": ("training.evaluation.presets", "count the parameters of every preset"),
+    "paper-step": ("training.evaluation.paper_step", "count and run a training step at the paper's sizes"),
     "credits": ("training.evaluation.credits", "list the sources of the training objects"),
 }
 STAGES = {
     "georm-outlines": ("training.stages.georm_outlines", "GeoRM, from outlines and colours alone"),
     "georm": ("training.stages.georm_occupancy", "GeoRM, warmed up on occupancy"),
     "georm-volume": ("training.stages.georm_volume", "GeoRM, by rendering its density: the paper's first stage"),
-    "glossyrm": ("training.stages.glossyrm", "GlossyRM: roughness and metallic at surface points"),
+    "georm-surface": ("training.stages.georm_surface", "GeoRM, by rasterising its surface: the paper's second stage"),
+    "glossyrm-points": ("training.stages.glossyrm_points", "GlossyRM, warmed up at surface points"),
+    "glossyrm": ("training.stages.glossyrm", "GlossyRM, on the surface that GeoRM finds: the paper's way"),
     "material-prior": ("training.stages.material_prior", "InstantAlbedo's encoder, on materials that are known"),
     "instant-albedo": ("training.stages.instant_albedo", "InstantAlbedo: albedo and lighting-baked colour"),
 }

@@ -11,11 +11,13 @@ import torch
 import torch.distributed as dist
 from torch import Tensor
 
+from arm_blender.errors import ArmError
+
 
 def join() -> None:
     """Join the processes that `torchrun` started, if it did."""
     if int(os.environ.get("WORLD_SIZE", "1")) > 1 and not dist.is_initialized():
-        dist.init_process_group("nccl" if torch.cuda.is_available() else "gloo")
+        dist.init_process_group("cpu:gloo,cuda:nccl" if torch.cuda.is_available() else "gloo")
 
 
 def leave() -> None:
@@ -30,9 +32,53 @@ def rank() -> int:
     return int(os.environ.get("RANK", "0"))
 
 
+def device(name: str) -> torch.device:
+    """Where this process computes: the one of its number, where there are several.
+
+    Args:
+        name: cpu or cuda.
+    Raises:
+        ArmError: torch finds none.
+    """
+    if name == "cpu":
+        return torch.device("cpu")
+    if name != "cuda" or not torch.cuda.is_available():
+        raise ArmError(f"--device {name}: torch finds none here; choose cpu")
+    found = torch.device("cuda", int(os.environ.get("LOCAL_RANK", "0")))
+    torch.cuda.set_device(found)
+    return found
+
+
+def step_seed(seed: int, step: int) -> int:
+    """Of what a step draws: its own in each process, and the same in a resumed run as in an unbroken one."""
+    return (seed << 48) + (rank() << 32) + step
+
+
 def generator(seed: int, step: int) -> torch.Generator:
-    """What a step draws from: its own in each process, and the same in a resumed run as in an unbroken one."""
-    return torch.Generator().manual_seed((seed << 48) + (rank() << 32) + step)
+    """On the CPU, seeded by `step_seed`."""
+    return torch.Generator().manual_seed(step_seed(seed, step))
+
+
+_ORDER = 0xFFFF << 32
+"""No process has this number: what orders the samples is drawn apart from what the steps draw."""
+
+
+def share(count: int, seed: int, step: int, batch: int) -> list[int]:
+    """Indices of the samples that this process takes in a step.
+
+    All processes together take each of `count` samples once, then each once more in another order, and so on.
+
+    Args:
+        batch: samples a step of one process.
+    """
+    processes = int(os.environ.get("WORLD_SIZE", "1"))
+    first = (step * processes + rank()) * batch
+    chosen = []
+    for place in range(first, first + batch):
+        epoch, index = divmod(place, count)
+        order = torch.randperm(count, generator=torch.Generator().manual_seed((seed << 48) + _ORDER + epoch))
+        chosen.append(int(order[index]))
+    return chosen
 
 
 def average_gradients(parameters: Iterable[Tensor], seconds: float) -> float:

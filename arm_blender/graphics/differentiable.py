@@ -2,7 +2,7 @@
 
 `rasterize` decides which face a pixel shows, and that decision has no derivative. Where on the face the pixel lies is a
 smooth function of the vertices (`with_gradient`). Where outlines move over pixels is made one by `antialias`: along an
-outline the two pixels beside it are blended by where it crosses between their centres (Laine et al., "Modular
+outline the two pixels beside it are blended by where it crosses between their centres (after Laine et al., "Modular
 primitives for high-performance differentiable rendering", 2020, section 3.5).
 """
 
@@ -13,6 +13,7 @@ from torch import Tensor
 
 from .cameras import Camera, project
 from .connectivity import half_edges, manifold_pairs
+from .ragged import enumerate_items
 from .rasterize import Fragments
 
 
@@ -49,9 +50,11 @@ def with_gradient(fragments: Fragments, vertices: Tensor, faces: Tensor, camera:
 def antialias(image: Tensor, vertices: Tensor, faces: Tensor, fragments: Fragments, camera: Camera) -> Tensor:
     """Blend pixels along the outlines of the mesh, differentiable in `image` and `vertices`.
 
-    An outline is an edge without a second face, or whose second face folds back on the screen. It is found between two
-    pixels that show different faces if it belongs to the nearer one's: outlines of faces smaller than a pixel may be
-    missed.
+    An outline is an edge without a second face, or whose second face folds back on the screen. Unlike in the paper
+    named above, each is followed by itself over the pixels: to look for it among the edges of the face that a pixel
+    shows finds next to none where faces at the limb are narrower than a pixel. Steep outlines blend neighbours in a
+    row, flat ones those in a column: each once, so that the sum of a mask is the area. What covers no pixel's centre
+    stays unseen.
 
     Args:
         image: (C, H, W) of these fragments.
@@ -61,64 +64,85 @@ def antialias(image: Tensor, vertices: Tensor, faces: Tensor, fragments: Fragmen
     Returns:
         (C, H, W).
     """
-    near, far, step = _pairs(fragments)
-    face = fragments.face_id.flatten()[near]
-    screen = project(vertices, camera)[0]
-    start, end, outline = _outlines(screen, faces, face)  # (P, 3, 2), (P, 3, 2), (P, 3)
-    center = _centers(near, fragments.face_id.shape[1])[:, None]
-    along, across = step[:, None], step.flip(1).abs()[:, None]  # Unit steps to the far pixel, and aside.
-    a, b = ((start - center) * across).sum(-1), ((end - center) * across).sum(-1)
-    crosses = outline & ((a <= 0) != (b <= 0))
-    share = a / torch.where(crosses, a - b, 1.0)
-    reach = torch.lerp(((start - center) * along).sum(-1), ((end - center) * along).sum(-1), share)  # Pixels.
-    crosses = crosses & (reach >= 0.0) & (reach <= 1.0)
-    pair, edge = crosses.nonzero().unbind(1)
+    screen, depth = project(vertices, camera)
+    edges, solid = _outlines(screen.detach(), depth.detach(), faces)
+    crossings = [_crossings(screen, depth.detach(), edges, solid, fragments, axis) for axis in (0, 1)]
+    near, far, reach = (torch.cat(parts) for parts in zip(*crossings, strict=True))
+    # Several outlines between two centres: what the nearer pixel shows reaches as far as the farthest.
+    key = near * fragments.mask.numel() + far
+    order = reach.detach().argsort()
+    order = order[key[order].argsort(stable=True)]
+    last = torch.ones_like(order, dtype=torch.bool)
+    last[:-1] = key[order[1:]] != key[order[:-1]]
+    near, far, reach = (x[order[last]] for x in (near, far, reach))
     # How much of the far pixel the near one's surface covers (positive), or the far one's of the near (negative).
-    cover = reach[pair, edge] - 0.5
-    near, far = near[pair], far[pair]
+    cover = reach - 0.5
     colors = image.flatten(1)
     change = cover * (colors[:, near] - colors[:, far])
-    target = torch.where(cover > 0, far, near)
-    return colors.index_add(1, target, change).view_as(image)
+    return colors.index_add(1, torch.where(cover > 0, far, near), change).view_as(image)
+
+
+def _outlines(screen: Tensor, depth: Tensor, faces: Tensor) -> tuple[Tensor, Tensor]:
+    """Outlines as pairs of vertices (E, 2), and (E,) the sign of the side on which the surface is, as `_side`."""
+    pairs = manifold_pairs(faces)
+    partner = torch.full((faces.numel(),), -1, dtype=torch.int64, device=faces.device)
+    partner[pairs[:, 0]], partner[pairs[:, 1]] = pairs[:, 1], pairs[:, 0]
+    edges, across = half_edges(faces), faces.roll(1, dims=1).flatten()  # Of each edge, the corner opposite of it.
+    start, end = screen[edges].unbind(1)
+    own = _side(start, end, screen[across])
+    other = torch.where(partner < 0, own, _side(start, end, screen[across[partner]]))
+    first = partner < torch.arange(len(partner), device=faces.device)  # Each edge once, and those without a partner.
+    # A face seen edge-on has no side: its partner's counts.
+    chosen = (first & (own * other >= 0) & (own + other != 0) & (depth[edges] > 0).all(dim=1)).nonzero()[:, 0]
+    return edges[chosen], (own + other).sign()[chosen]
+
+
+def _crossings(
+    screen: Tensor, depth: Tensor, edges: Tensor, solid: Tensor, fragments: Fragments, axis: int
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Where outlines pass between the centres of neighbouring pixels, and are seen there.
+
+    Args:
+        edges, solid: as `_outlines` returns them.
+        axis: 0 for neighbours in a row, 1 in a column.
+    Returns:
+        (P,) flat pixel on the surface's side, (P,) flat pixel beyond, (P,) pixels from the former's centre to the
+        outline, 0 to 1, differentiable.
+    """
+    height, width = fragments.face_id.shape
+    (count, lines), (step, stride) = ((width, height), (1, width)) if axis == 0 else ((height, width), (width, 1))
+    start, end = screen[edges].unbind(1)
+    run, rise = ((end - start).detach().abs()[:, k] for k in (axis, 1 - axis))
+    steep = ((rise > run) if axis == 0 else (rise >= run)).nonzero()[:, 0]
+    edges, solid, start, end = edges[steep], solid[steep], start[steep], end[steep]
+    low, high = torch.minimum(start, end).detach()[:, 1 - axis], torch.maximum(start, end).detach()[:, 1 - axis]
+    # Half open, so that what two edges share is met once.
+    first = (low - 0.5).ceil().clamp(0, lines)
+    owner, number = enumerate_items(((high - 0.5).ceil().clamp(0, lines) - first).long())
+    line = first[owner].long() + number
+    start, end = start[owner], end[owner]
+    share = (line + 0.5 - start[:, 1 - axis]) / (end - start)[:, 1 - axis]
+    place = torch.lerp(start[:, axis], end[:, axis], share)
+    before = (place.detach() - 0.5).floor()  # The pixel before the crossing; the next one is behind it.
+    inside = (before >= 0) & (before < count - 1)
+    before = before.long().clamp(0, count - 2)
+    pixel = before * step + line * stride
+    # The sign that a point before the crossing has: `_side` of a step back along the axis.
+    along = (end - start).detach()[:, 1 - axis].sign() * (1.0 if axis == 0 else -1.0)
+    surface_before = along == solid[owner]
+    near, far = torch.where(surface_before, pixel, pixel + step), torch.where(surface_before, pixel + step, pixel)
+    seen, shown = fragments.depth.detach().flatten(), fragments.face_id.flatten()
+    inverse = torch.lerp(*(1.0 / depth[edges[owner]]).unbind(1), share.detach())
+    visible = (seen[near] < seen[far]) & (shown[near] != shown[far]) & (inverse * seen[far] > 1.0)
+    kept = (inside & visible).nonzero()[:, 0]
+    center = before + 0.5
+    reach = torch.where(surface_before, place - center, center + 1.0 - place)
+    return near[kept], far[kept], reach[kept]
 
 
 def _centers(pixel: Tensor, width: int) -> Tensor:
     """(P, 2) centres of flat pixels (P,) in an image of `width`."""
     return torch.stack([pixel % width, torch.div(pixel, width, rounding_mode="floor")], dim=1) + 0.5
-
-
-def _pairs(fragments: Fragments) -> tuple[Tensor, Tensor, Tensor]:
-    """Neighbouring pixels that show different faces: (P,) flat the nearer, (P,) the farther, (P, 2) step (x, y)."""
-    height, width = fragments.face_id.shape
-    index = torch.arange(height * width, device=fragments.face_id.device).view(height, width)
-    found = []
-    for axis, step in ((1, (1, 0)), (0, (0, 1))):
-        size = fragments.face_id.shape[axis] - 1
-        (id0, id1), (z0, z1), (p0, p1) = (
-            (x.narrow(axis, 0, size), x.narrow(axis, 1, size)) for x in (fragments.face_id, fragments.depth, index)
-        )
-        differ = id0 != id1
-        swap = (z1 < z0)[differ]
-        p0, p1 = p0[differ], p1[differ]
-        sign = torch.where(swap, -1.0, 1.0)[:, None].to(fragments.depth.dtype)
-        found.append((torch.where(swap, p1, p0), torch.where(swap, p0, p1), sign * sign.new_tensor([step])))
-    near, far, steps = zip(*found, strict=True)
-    return torch.cat(near), torch.cat(far), torch.cat(steps)
-
-
-def _outlines(screen: Tensor, faces: Tensor, face: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """The edges of faces (P,) on the screen: starts and ends (P, 3, 2), and (P, 3) bool which of them are outlines."""
-    pairs = manifold_pairs(faces)
-    partner = torch.full((faces.numel(),), -1, dtype=torch.int64, device=faces.device)
-    partner[pairs[:, 0]], partner[pairs[:, 1]] = pairs[:, 1], pairs[:, 0]
-    row = 3 * face[:, None] + torch.arange(3, device=faces.device)
-    edges = screen[half_edges(faces)[row]]  # (P, 3, 2 ends, 2)
-    start, end = edges.unbind(2)
-    own = screen[faces[face].roll(1, dims=1)]  # The corner opposite of each edge.
-    other = partner[row]
-    opposite = screen[faces.flatten()[torch.div(other, 3, rounding_mode="floor") * 3 + (other + 2) % 3]]
-    folded = (_side(start, end, own) * _side(start, end, opposite)) >= 0
-    return start, end, (other < 0) | folded
 
 
 def _side(start: Tensor, end: Tensor, point: Tensor) -> Tensor:

@@ -1,5 +1,7 @@
 """Gradients of pictures against finite differences in float64, and anti-aliased areas against exact ones."""
 
+import math
+
 import pytest
 import torch
 from torch import Tensor
@@ -90,6 +92,26 @@ def test_a_blended_square_has_its_exact_width_and_height(half):
     assert float(image[0, :, SIZE // 2].sum()) == pytest.approx(side, abs=1e-5)
     assert float(image.sum()) == pytest.approx(side**2, abs=2.0)
     assert float(image.min()) >= 0.0 and float(image.max()) <= 1.0
+
+
+@pytest.mark.parametrize("angle", [0.1, 0.4, 0.785398, 1.2])
+@pytest.mark.parametrize("pieces", [1, 30], ids=["one face a side", "faces narrower than a pixel"])
+def test_a_turned_square_has_its_area_and_the_areas_derivative(angle, pieces):
+    """Each side a fan of faces, some far narrower than a pixel: it is the outline that counts, not whose it is."""
+    turn = torch.tensor([[math.cos(angle), 0, -math.sin(angle)], [0, 1, 0], [math.sin(angle), 0, math.cos(angle)]])
+    corners = torch.tensor([[-1.0, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]]) @ turn.T
+    share = torch.arange(pieces) / pieces
+    rim = torch.cat([torch.lerp(a, b, share[:, None]) for a, b in zip(corners, corners.roll(-1, 0), strict=True)])
+    count = len(rim)
+    faces = torch.tensor([[i, (i + 1) % count, count] for i in range(count)])
+    half, camera = torch.tensor(0.9, dtype=torch.float64, requires_grad=True), front()
+    vertices = half * torch.cat([rim, torch.zeros(1, 3)]).double()
+    fragments = rasterize(vertices.detach(), faces, camera)
+    area = antialias(fragments.mask.double()[None], vertices, faces, fragments, camera).sum()
+    pixels = float(camera.K[0, 0]) / 4.0
+    assert float(area.detach()) == pytest.approx((1.8 * pixels) ** 2, rel=0.01)
+    (slope,) = torch.autograd.grad(area, half)
+    assert float(slope) == pytest.approx(8.0 * 0.9 * pixels**2, rel=0.05)
 
 
 def test_outlines_have_the_gradient_of_finite_differences(camera):

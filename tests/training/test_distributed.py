@@ -6,7 +6,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 import torch
+
+from arm_blender.errors import ArmError
+from training import distributed
 
 WORKER = """
 import sys
@@ -75,3 +79,21 @@ def test_two_processes_share_every_step_and_one_of_them_writes(tmp_path):
     scale = min(1.0, 1.0 / float(torch.hypot(expected, bias)))
     assert torch.allclose(first["gradient"].flatten(), expected * scale, atol=1e-5)
     assert (tmp_path / "line.resume").exists()
+
+
+@pytest.mark.parametrize(("processes", "count", "batch"), [(1, 7, 2), (3, 10, 1), (2, 5, 4)])
+def test_all_processes_together_take_each_sample_once_before_any_comes_again(monkeypatch, processes, count, batch):
+    monkeypatch.setenv("WORLD_SIZE", str(processes))
+    taken = []
+    for step in range(4 * count):
+        for rank in range(processes):
+            monkeypatch.setenv("RANK", str(rank))
+            taken += distributed.share(count, 3, step, batch)
+    turns = [taken[first : first + count] for first in range(0, len(taken) - count + 1, count)]
+    assert all(sorted(turn) == list(range(count)) for turn in turns)
+    assert len({tuple(turn) for turn in turns}) > 1  # Each time in another order.
+
+
+def test_a_device_that_is_not_there_is_one_line():
+    with pytest.raises(ArmError, match="--device tpu: torch finds none here; choose cpu"):
+        distributed.device("tpu")

@@ -1,80 +1,31 @@
 """The first stage of GeoRM: what its windows show is true, its loss falls, and the paper's sizes take a step."""
 
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
-import trimesh
 
 from arm_blender import checkpoints
-from arm_blender.graphics.cameras import orbit_camera
-from arm_blender.models.feature_volume import FeatureVolumeConfig
 from arm_blender.models.georm import RAW_ISO, GeoRM
-from arm_blender.models.image_encoder import ImageEncoderConfig
-from arm_blender.models.pixel_aligned import PixelAlignedConfig
 from arm_blender.models.reconstruction import PAPER, SMALL, NetworkViews, ReconstructionConfig
-from arm_blender.models.transformer import TransformerConfig
-from arm_blender.models.triplane import DecoderConfig, UpsamplerConfig
 from training import __main__ as command
 from training.datasets import view_samples
 from training.datasets.view_samples import ViewSample
 from training.losses import SurfaceMaps
-from training.stages import georm_volume
+from training.stages import georm_volume, rendered_views
 from training.stages.georm_volume import VolumeConfig, rendering_loss, sample_loss
-from training.volume_rendering import SamplingConfig, pixel_rays
+from training.volume_rendering import SamplingConfig
 
-TINY = ReconstructionConfig(
-    encoder=ImageEncoderConfig(image_size=32, patch_size=8, position_grid=4, width=16, depth=1, heads=2),
-    transformer=TransformerConfig(width=16, layers=1, heads=2, grid=4),
-    upsampler=UpsamplerConfig(filters=8, blocks=1, growth=4, doublings=1, channels=4),
-    decoder=DecoderConfig(hidden_layers=2, hidden=16),
-    pixel_aligned=PixelAlignedConfig(channels=8, hidden=8),
-    volume=FeatureVolumeConfig(grid=8, channels=4),
-)
-PLANES = replace(TINY, pixel_aligned=None, volume=None)
 FEW = VolumeConfig(SamplingConfig(coarse=12, fine=12), views=3, window=8, resolutions=(10, 16))
 SIZE = 48
-BALLS = {"one": (0.6, (0.0, 0.0, 0.0)), "two": (0.4, (0.3, -0.2, 0.1)), "three": (0.5, (-0.2, 0.3, -0.3))}
-"""Radius and centre of each object."""
-
-
-def ball_views(radius: float, center: torch.Tensor) -> dict[str, np.ndarray]:
-    """A ball seen from ten sides, in closed form, as the renderer would leave it."""
-    cameras = [orbit_camera(36.0 * i, 40.0 * (i % 3 - 1), 4.0, 35.0, SIZE, SIZE) for i in range(10)]
-    c2w, K = torch.stack([c.c2w for c in cameras]), torch.stack([c.K for c in cameras])
-    row, column = torch.meshgrid(torch.arange(SIZE) + 0.5, torch.arange(SIZE) + 0.5, indexing="ij")
-    rays = pixel_rays(torch.stack([column, row], dim=-1).flatten(0, 1).expand(10, -1, -1), c2w, K)
-    middle = ((center - rays.origins) * rays.directions).sum(dim=-1)
-    inside = radius**2 - (rays.origins + middle[..., None] * rays.directions - center).square().sum(dim=-1)
-    distance = middle - inside.clamp(min=0.0).sqrt()
-    normal = (rays.origins + distance[..., None] * rays.directions - center) / radius
-    cosine = (rays.directions * -c2w[:, None, :3, 2]).sum(dim=-1)
-    mask = inside > 0.0
-    shape = (10, SIZE, SIZE)
-    rgba = torch.cat([torch.full((*mask.shape, 3), 150), mask[..., None] * 255], dim=-1)
-    return {
-        "rgba": rgba.view(*shape, 4).to(torch.uint8).numpy(),
-        "depth": torch.where(mask, distance * cosine, torch.inf).view(shape).half().numpy(),
-        "normal": (torch.where(mask[..., None], normal, 0.0) * 127.0).view(*shape, 3).to(torch.int8).numpy(),
-        "c2w": c2w.numpy(),
-        "K": K.numpy(),
-    }
+"""Pixels of a view of the balls."""
 
 
 @pytest.fixture
-def shards(tmp_path, monkeypatch) -> Path:
+def shards(ball_shards, monkeypatch) -> Path:
     """Three balls; the last is held out."""
-    monkeypatch.setattr(georm_volume, "is_held_out", lambda path: path.parent.name == "three")
-    sphere = trimesh.creation.icosphere(subdivisions=2)
-    for name, (radius, center) in BALLS.items():
-        folder = tmp_path / "shards" / name
-        folder.mkdir(parents=True)
-        vertices = (radius * sphere.vertices + center).astype(np.float32)
-        np.savez(folder / "mesh.npz", vertices=vertices, faces=sphere.faces)
-        np.savez(folder / "rig_0.npz", **ball_views(radius, torch.tensor(center)))
-    return tmp_path / "shards"
+    monkeypatch.setattr(rendered_views, "is_held_out", lambda path: path.parent.name == "three")
+    return ball_shards
 
 
 @pytest.fixture(autouse=True)
@@ -110,11 +61,11 @@ def known(sample: ViewSample) -> Solid:
 
 
 @torch.no_grad()
-@pytest.mark.parametrize("name", BALLS)
-def test_the_truth_costs_almost_nothing_however_it_is_moved(shards, name):
+@pytest.mark.parametrize("name", ["one", "two", "three"])
+def test_the_truth_costs_almost_nothing_however_it_is_moved(shards, tiny_network, name):
     """And a ball that is smaller, or elsewhere, costs more."""
     config, draws = VolumeConfig(SamplingConfig(64, 64), window=32, resolutions=(48, 48)), torch.Generator()
-    sample = view_samples.moved(view_samples.load(shards / name / "rig_0.npz", TINY), draws.manual_seed(3))
+    sample = view_samples.moved(view_samples.load(shards / name / "rig_0.npz", tiny_network), draws.manual_seed(3))
     assert float(sample.vertices.abs().max()) <= 1.0
     ball = known(sample)
     terms = sample_loss(ball, sample, config, draws.manual_seed(0))
@@ -127,10 +78,11 @@ def test_the_truth_costs_almost_nothing_however_it_is_moved(shards, name):
         assert float(sum(others.values())) > 2.0 * float(sum(terms.values()))
 
 
-@pytest.mark.parametrize(("network", "share"), [(PLANES, 0.9), (TINY, 0.5)], ids=["paper", "small"])
-def test_fifty_steps_lower_the_loss_on_fixed_data(shards, network, share):
+@pytest.mark.parametrize(("fixture", "share"), [("plane_network", 0.9), ("tiny_network", 0.5)])
+def test_fifty_steps_lower_the_loss_on_fixed_data(shards, request, fixture, share):
     """An object a step; the modules of each preset at a test's size. Planes alone begin with a box that is full."""
     torch.manual_seed(0)
+    network = request.getfixturevalue(fixture)
     model = GeoRM(network)
     samples = [view_samples.load(path, network) for path in sorted(shards.glob("*/rig_0.npz"))]
 
@@ -163,17 +115,17 @@ def test_a_fit_leaves_weights_that_go_on_and_validates_what_it_never_saw(shards,
 
 
 def test_shards_that_only_validate_are_refused(shards, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(georm_volume, "is_held_out", lambda path: True)
+    monkeypatch.setattr(rendered_views, "is_held_out", lambda path: True)
     words = ["--shards", str(shards), "--output", str(tmp_path / "x.safetensors")]
     assert command.main(["fit", "georm-volume", *words]) == 1
     assert f"{shards}: all of its 3 samples only validate; render more objects" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("views", [6, 1])
-def test_a_view_without_foreground_teaches_emptiness(shards, views):
+def test_a_view_without_foreground_teaches_emptiness(shards, tiny_network, views):
     """Nothing to see, depth at infinity: finite terms, and gradients that make the box emptier."""
     torch.manual_seed(0)
-    model, sample = GeoRM(TINY), view_samples.load(shards / "one" / "rig_0.npz", TINY)
+    model, sample = GeoRM(tiny_network), view_samples.load(shards / "one" / "rig_0.npz", tiny_network)
     nothing = SurfaceMaps(
         torch.zeros(10, SIZE, SIZE), torch.full((10, SIZE, SIZE), torch.inf), torch.zeros(10, 3, SIZE, SIZE)
     )

@@ -80,13 +80,13 @@ def test_a_fit_leaves_weights_that_the_next_stage_and_the_program_load(shards, t
     words = ["--shards", str(shards), "--minutes", "0.01", "--batch", "1", "--points", "64"]
     georm, glossyrm = tmp_path / "georm.safetensors", tmp_path / "glossyrm.safetensors"
     assert command.main(["fit", "georm", "--output", str(georm), *words]) == 0
-    assert command.main(["fit", "glossyrm", "--georm", str(georm), "--output", str(glossyrm), *words]) == 0
+    assert command.main(["fit", "glossyrm-points", "--georm", str(georm), "--output", str(glossyrm), *words]) == 0
     for path, network in ((georm, GeoRM), (glossyrm, GlossyRM)):
         config, state = checkpoints.load(path, ReconstructionConfig)
         checkpoints.restore(network(config), state, path)
 
 
-@pytest.mark.parametrize("stage", ["georm", "glossyrm"])
+@pytest.mark.parametrize("stage", ["georm", "glossyrm-points"])
 def test_looking_once_leaves_the_side_of_the_views_as_it_is(shards, tmp_path, stage):
     words = ["--shards", str(shards), "--batch", "2", "--points", "64", "--output"]
     first, second = tmp_path / "first.safetensors", tmp_path / "second.safetensors"

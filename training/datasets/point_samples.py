@@ -19,7 +19,7 @@ from arm_blender.graphics.color import linear_from_srgb
 from arm_blender.models.reconstruction import SMALL, NetworkViews, network_views
 from arm_blender.structures import ViewSet
 
-from .. import trainer
+from .. import options
 from . import shards
 
 logger = logging.getLogger(__name__)
@@ -223,9 +223,16 @@ def load_held_out(folder: Path) -> list[PointSample]:
     return [sample for sample in map(load_occupancy, paths) if sample.usable]
 
 
+def add_point_arguments(parser: argparse.ArgumentParser, minutes: float, points: int, learning_rate: float) -> None:
+    """The options of a stage that learns at points; such stages know `small` only, and run on the CPU."""
+    options.add_arguments(parser, minutes, learning_rate, presets=("small",))
+    parser.set_defaults(batch=2, weight_decay=0.01)
+    parser.add_argument("--points", type=int, default=points, help="points an object")
+
+
 def add_arguments(parser: argparse.ArgumentParser, minutes: float, points: int, learning_rate: float) -> None:
     """The options of a stage that learns from pictures at points, with that stage's defaults."""
-    trainer.add_arguments(parser, minutes, points, learning_rate)
+    add_point_arguments(parser, minutes, points, learning_rate)
     parser.add_argument("--data", type=Path, help="folder with manifest.json; every other sample is a real object's")
     parser.add_argument("--look-once", action="store_true", help="find the views' features once, and learn the rest")
     parser.add_argument("--no-features", action="store_true", help="as --look-once, with geometry and colours alone")

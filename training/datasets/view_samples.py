@@ -1,13 +1,16 @@
 """Samples that supervise what a network renders: all views of a rig with their true mask, depth and normals."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn import functional as F
 
+from arm_blender.graphics.cameras import Camera
 from arm_blender.graphics.color import linear_from_srgb
 from arm_blender.models.reconstruction import NetworkViews, ReconstructionConfig, network_views
 from arm_blender.structures import ViewSet
@@ -78,7 +81,8 @@ def moved(sample: ViewSample, generator: torch.Generator) -> ViewSample:
     angle, shrink = torch.rand(2, generator=generator).tolist()
     turn = rotation_z(2.0 * math.pi * angle)
     vertices = sample.vertices @ turn.T
-    scale = min(1.0, 0.99 / max(float(vertices.abs().amax()), 1e-6)) * (0.75 + 0.25 * shrink)
+    reach = float(vertices.abs().max()) if len(vertices) else 0.0
+    scale = min(1.0, 0.99 / max(reach, 1e-6)) * (0.75 + 0.25 * shrink)
 
     def carried(c2w: Tensor) -> Tensor:
         c2w = c2w.clone()
@@ -89,7 +93,28 @@ def moved(sample: ViewSample, generator: torch.Generator) -> ViewSample:
     normal = torch.einsum("ij,vjhw->vihw", turn, sample.truth.normal)
     truth = SurfaceMaps(sample.truth.mask, scale * sample.truth.depth, normal)
     inputs = replace(sample.inputs, c2w=carried(sample.inputs.c2w))
-    return ViewSample(inputs, carried(sample.c2w), sample.K, truth, scale * vertices)
+    return replace(sample, inputs=inputs, c2w=carried(sample.c2w), truth=truth, vertices=scale * vertices)
+
+
+def on_device(value: Any, device: torch.device) -> Any:
+    """The same, with every tensor that it is made of on a device; of samples, or of what these consist of."""
+    if isinstance(value, Tensor):
+        return value.to(device)
+    if is_dataclass(value):
+        return replace(value, **{part.name: on_device(getattr(value, part.name), device) for part in fields(value)})
+    return value
+
+
+def cameras(sample: ViewSample, chosen: Tensor, side: int) -> list[Camera]:
+    """Those of the views of index `chosen`, with `side` pixels."""
+    own = sample.truth.mask.shape[-1]
+    found = (Camera(sample.c2w[index], sample.K[index], own, own) for index in chosen.tolist())
+    return [camera.resized(side, side) for camera in found]
+
+
+def resampled(maps: Tensor, chosen: Tensor, side: int) -> Tensor:
+    """Maps (V, C, S, S) of the views of index `chosen`, with `side` pixels: the nearest ones, as in `crop`."""
+    return F.interpolate(maps[chosen.to(maps.device)], size=(side, side), mode="nearest-exact")
 
 
 def crop(sample: ViewSample, chosen: Tensor, side: int, size: int, generator: torch.Generator) -> Crop:

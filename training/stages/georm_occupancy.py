@@ -28,7 +28,7 @@ from ..datasets.point_samples import (
     depth_loss,
     load_occupancy,
 )
-from ..trainer import Trainer, TrainerConfig
+from ..trainer import Trainer
 from .view_side import encode_outlines, silence_features, view_side
 
 logger = logging.getLogger(__name__)
@@ -114,9 +114,7 @@ def run(args: argparse.Namespace) -> int:
     side = view_side(model, load_occupancy, args)
     samples = SampleCache(args.shards, side.load, shards.real_objects(args.data), side.pictures)
     solids = outline_samples.load_solids(args.shards) if args.outlines else []
-    trainer = Trainer(
-        model, TrainerConfig(minutes=args.minutes, learning_rate=args.learning_rate), args.output.with_suffix(".resume")
-    )
+    trainer = Trainer.from_arguments(model, args)
 
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
         draws = distributed.generator(args.seed, index)

@@ -16,17 +16,17 @@ from arm_blender.models.georm import GeoRM
 from arm_blender.models.reconstruction import SMALL, NetworkViews
 from arm_blender.models.visual_hull import Outlines
 
-from .. import distributed, trainer
+from .. import distributed
 from ..datasets import outline_samples, point_samples
 from ..datasets.point_samples import expanded
-from ..trainer import Trainer, TrainerConfig
+from ..trainer import Trainer
 from .georm_occupancy import outline_terms, validate
 from .view_side import VIEW_SIDE, encode_outlines, freeze, silence_features
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of the stage."""
-    trainer.add_arguments(parser, minutes=30.0, points=8192, learning_rate=1e-3)
+    point_samples.add_point_arguments(parser, minutes=30.0, points=8192, learning_rate=1e-3)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -39,7 +39,6 @@ def run(args: argparse.Namespace) -> int:
         freeze(model.model, name)
     silence_features(model)
     solids, held_out = outline_samples.load_solids(args.shards), point_samples.load_held_out(args.shards)
-    config = TrainerConfig(minutes=args.minutes, learning_rate=args.learning_rate)
 
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
         batch = outline_samples.batch(solids, args.batch, args.points, distributed.generator(args.seed, index))
@@ -55,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
 
         return validate(held_out, logit)
 
-    averaged = Trainer(model, config, args.output.with_suffix(".resume")).run(step, check)
+    averaged = Trainer.from_arguments(model, args).run(step, check)
     silence_features(averaged)  # The spread of no features is not quite zero, and was learnt from.
     if distributed.rank() == 0:
         checkpoints.save(args.output, averaged.state_dict(), SMALL, name="small.georm")

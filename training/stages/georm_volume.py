@@ -5,29 +5,22 @@ and 64 importance samples a ray. The loss is the paper's for its shapes, equatio
 """
 
 import argparse
-import logging
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import torch
 from torch import Tensor
 
-from arm_blender import checkpoints
 from arm_blender.config import PRESETS
-from arm_blender.errors import ArmError
 from arm_blender.models.georm import RAW_ISO, GeoRM
-from arm_blender.models.reconstruction import EncodedViews, NetworkViews, ReconstructionConfig
+from arm_blender.models.reconstruction import EncodedViews
 
-from .. import distributed
-from ..datasets import shards, view_samples
-from ..datasets.point_samples import drop_views, is_held_out
+from ..datasets import view_samples
 from ..datasets.view_samples import Crop, ViewSample
 from ..losses import GeometryLossConfig, Perceptual, SurfaceMaps, geometry_loss
-from ..lpips import Lpips
-from ..trainer import Trainer, TrainerConfig
+from ..picture_grid import grid, normals
 from ..volume_rendering import Rays, SamplingConfig, draw, render
-
-logger = logging.getLogger(__name__)
+from . import rendered_views
+from .rendered_views import ViewStage, encode, fit, perceptual
 
 
 @dataclass(frozen=True)
@@ -49,9 +42,6 @@ class VolumeConfig:
     perceptual: Perceptual | None = None
     """LPIPS where its weights are at hand; without it normals are compared by their cosine."""
 
-
-VALIDATED = 16
-"""Held-out samples at most in a validation."""
 
 SMALL_VOLUME = VolumeConfig(
     SamplingConfig(coarse=32, fine=32), views=4, window=32, resolutions=(48, 128), fewer_views=0.1
@@ -83,12 +73,8 @@ def sample_loss(
     Args:
         bfloat16: encode so; rendering is in float32.
     """
-    keep = drop_views(draws, config.fewer_views)
-    inputs = sample.inputs
-    inputs = NetworkViews(*(x[:, keep] for x in (inputs.images, inputs.silhouette, inputs.c2w, inputs.K)))
-    with torch.autocast(inputs.images.device.type, torch.bfloat16, enabled=bfloat16):
-        encoded = model.encode(inputs)
-    return rendering_loss(model, encoded.float(), sample, config, draws)
+    encoded = encode(model, sample, config.fewer_views, draws, bfloat16)
+    return rendering_loss(model, encoded, sample, config, draws)
 
 
 def rendering_loss(
@@ -103,30 +89,18 @@ def rendering_loss(
     return geometry_loss(found, window.truth, config.loss, config.perceptual)
 
 
-@torch.no_grad()
-def validate(model: GeoRM, paths: list[Path], network: ReconstructionConfig, config: VolumeConfig) -> dict[str, float]:
-    """The mean terms over samples that training never sees, always in the same windows."""
-    totals: dict[str, float] = {}
-    for path in paths:
-        draws = torch.Generator().manual_seed(0)
-        terms = sample_loss(model, view_samples.load(path, network), replace(config, fewer_views=0.0), draws)
-        for name, term in terms.items():
-            totals[name] = totals.get(name, 0.0) + float(term) / len(paths)
-    return totals
+def picture(model: GeoRM, sample: ViewSample, config: VolumeConfig) -> Tensor:
+    """The input views, their rendered normals, and the true ones; each view whole, a window large."""
+    draws, side = torch.Generator().manual_seed(0), config.window
+    inputs = torch.arange(sample.inputs.images.shape[1])
+    window = view_samples.crop(sample, inputs, side, side, draws)
+    found = surface_maps(model, encode(model, sample, 0.0, draws, False), window, config, draws)
+    return grid([sample.inputs.images[0, :, :3], normals(found), normals(window.truth)], max(side, 96))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What `python -m training fit georm-volume` takes."""
-    parser.add_argument("--shards", type=Path, required=True)
-    parser.add_argument("--output", type=Path, required=True, help="safetensors file of the weights")
-    parser.add_argument("--start", type=Path, help="GeoRM's weights to go on from")
-    parser.add_argument("--preset", choices=tuple(PRESETS), default="small", help="sizes of the network and of a step")
-    parser.add_argument("--minutes", type=float, default=60.0)
-    parser.add_argument("--batch", type=int, default=1, help="objects a step; the paper's is 1 in each of 8 processes")
-    parser.add_argument("--learning-rate", type=float, default=4e-5, help="the paper's")
-    parser.add_argument("--lpips", type=Path, help="weights of LPIPS (VGG), to compare normals as the paper does")
-    parser.add_argument("--bfloat16", action="store_true", help="encode in bfloat16: faster where the CPU knows it")
-    parser.add_argument("--seed", type=int, default=0)
+    rendered_views.add_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -134,31 +108,14 @@ def run(args: argparse.Namespace) -> int:
     torch.manual_seed(args.seed)
     network = PRESETS[args.preset].georm
     config = SMALL_VOLUME if args.preset == "small" else VolumeConfig()
-    config = replace(config, perceptual=Lpips.from_file(args.lpips) if args.lpips else None)
-    paths = shards.rigs(args.shards)
-    training, held_out = ([p for p in paths if is_held_out(p) == which] for which in (False, True))
-    if not training:
-        raise ArmError(f"{args.shards}: all of its {len(paths)} samples only validate; render more objects")
-    logger.info("%d samples to train on, %d held out", len(training), len(held_out))
-    model = GeoRM(network)
-    if args.start:
-        checkpoints.restore(model, checkpoints.load(args.start, ReconstructionConfig)[1], args.start)
-    # Adam without decay, as in the paper.
-    trainer_config = TrainerConfig(minutes=args.minutes, learning_rate=args.learning_rate, weight_decay=0.0)
-    trainer = Trainer(model, trainer_config, args.output.with_suffix(".resume"))
-
-    def step(index: int) -> tuple[Tensor, dict[str, float]]:
-        draws = distributed.generator(args.seed, index)
-        totals: dict[str, Tensor] = {}
-        for _ in range(args.batch):
-            path = training[int(torch.randint(len(training), (), generator=draws))]
-            sample = view_samples.moved(view_samples.load(path, network), draws)
-            for name, term in sample_loss(model, sample, config, draws, args.bfloat16).items():
-                totals[name] = totals.get(name, 0.0) + term / args.batch
-        return sum(totals.values()), {name: float(term.detach()) for name, term in totals.items()}
-
-    averaged = trainer.run(step, lambda averaged: validate(averaged, held_out[:VALIDATED], network, config))
-    if distributed.rank() == 0:
-        metadata = {"steps": str(trainer.step), "samples": str(len(training))}
-        checkpoints.save(args.output, averaged.state_dict(), network, f"{args.preset}.georm", metadata)
-    return 0
+    share = config.fewer_views if args.fewer_views is None else args.fewer_views
+    config = replace(config, perceptual=perceptual(args), fewer_views=share)
+    whole = replace(config, fewer_views=0.0)
+    stage = ViewStage(
+        "georm",
+        lambda path: view_samples.load(path, network),
+        lambda model, sample, draws: sample_loss(model, sample, config, draws, args.bfloat16),
+        lambda model, sample, draws: sample_loss(model, sample, whole, draws),
+        lambda model, sample: picture(model, sample, config),
+    )
+    return fit(args, GeoRM(network), stage)

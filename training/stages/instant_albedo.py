@@ -19,7 +19,7 @@ from arm_blender.graphics.color import srgb_from_linear
 from arm_blender.models.instant_albedo import SMALL, Ablation, InstantAlbedo, InstantAlbedoConfig
 from arm_blender.models.material_encoder import MaterialEncoderConfig
 
-from .. import distributed
+from .. import distributed, options
 from ..datasets import atlases
 from ..datasets.atlas_augmentation import augmented
 from ..datasets.atlases import Atlas
@@ -28,7 +28,9 @@ from ..datasets.rasterized_atlases import RasterizedAtlases
 from ..datasets.shards import meshes
 from ..losses import ImageLossConfig, Perceptual, image_loss
 from ..lpips import Lpips
-from ..trainer import Trainer, TrainerConfig
+from ..options import TrainerConfig
+from ..run_record import RunRecord
+from ..trainer import Trainer
 
 logger = logging.getLogger(__name__)
 
@@ -60,6 +62,7 @@ def fit(
     settings: FitConfig = FitConfig(),
     material_prior: Path | None = None,
     rasterized: RasterizedAtlases | None = None,
+    record: RunRecord | None = None,
 ) -> InstantAlbedo:
     """Fit until the time is up and write the averaged weights; goes on from `<output>.resume` where there is one.
 
@@ -68,6 +71,7 @@ def fit(
         output: of the checkpoint.
         material_prior: weights that the encoder begins with, as `fit material-prior` writes them.
         rasterized: makes the share of the samples that `settings` names; held-out objects are taken out of it.
+        record: of the run.
     Raises:
         ArmError: there are no samples, or the prior is not for this network.
     """
@@ -80,8 +84,7 @@ def fit(
     if rasterized is not None:
         hidden = {owner(path) for path in held_out}
         rasterized = replace(rasterized, meshes=[p for p in rasterized.meshes if owner(p.parent) not in hidden])
-    output.parent.mkdir(parents=True, exist_ok=True)
-    trainer = Trainer(model, trainer_config, output.with_suffix(".resume"))
+    loop = Trainer(model, trainer_config, output.with_suffix(".resume"), record)
 
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
         random = distributed.generator(seed, index)
@@ -89,11 +92,11 @@ def fit(
             atlas = augmented(rasterized.draw(random), random)
         else:
             atlas = draw(training, random)
-        return sample_loss(trainer.model, atlas, settings, random)
+        return sample_loss(loop.model, atlas, settings, random)
 
-    averaged = trainer.run(step, lambda model: validate(model, held_out, settings))
+    averaged = loop.run(step, lambda model: validate(model, held_out, settings))
     metadata = {
-        "steps": str(trainer.step),
+        "steps": str(loop.step),
         "samples": str(len(training)),
         "rasterized_share": str(settings.rasterized),
         "material_prior": "random" if material_prior is None else material_prior.name,
@@ -214,7 +217,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--shards", type=Path, help="rendered objects; prepared into --cache where they are not yet")
     parser.add_argument("--cache", type=Path, required=True, help="folder of prepared samples")
     parser.add_argument("--output", type=Path, required=True, help="checkpoint to write")
-    parser.add_argument("--minutes", type=float, default=25.0, help="of the whole fit; 0 only prepares")
     parser.add_argument("--size", type=int, default=192, help="texels a side of the prepared atlases")
     parser.add_argument("--views", type=int, default=FitConfig.views, help="truth views compared in a step")
     parser.add_argument("--lpips", type=Path, help="weights of LPIPS (VGG); without them its term is left out")
@@ -222,8 +224,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ablation", choices=get_args(Ablation), default="none", help="leave a part out")
     parser.add_argument("--rasterized", type=float, default=0.0, help="share of samples rasterised on the fly, 0 to 1")
     parser.add_argument("--data", type=Path, help="textures and environments of those; ARM_DATA by default")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--learning-rate", type=float, default=4e-4, help="the paper's")
+    options.add_loop_arguments(parser, minutes=25.0, learning_rate=4e-4)  # The paper's rate. No minutes: prepare only.
 
 
 def run(args: argparse.Namespace) -> int:
@@ -232,12 +233,11 @@ def run(args: argparse.Namespace) -> int:
         count = atlases.prepare(args.shards, args.cache, atlases.AtlasConfig(size=args.size), args.seed)
         logger.info("%d samples in %s", count, args.cache)
     if args.minutes > 0:
-        # Adam without decay, as in the paper.
-        config = TrainerConfig(minutes=args.minutes, learning_rate=args.learning_rate, weight_decay=0.0)
+        config, record = options.config(args), RunRecord.beside(args.output, vars(args))
         perceptual = Lpips.from_file(args.lpips) if args.lpips else None
         settings = FitConfig(views=args.views, perceptual=perceptual, rasterized=args.rasterized)
         own = SMALL.ablated(args.ablation)
-        fit(args.cache, own, args.output, config, args.seed, settings, args.material_prior, _rasterized(args))
+        fit(args.cache, own, args.output, config, args.seed, settings, args.material_prior, _rasterized(args), record)
     return 0
 
 

@@ -20,11 +20,13 @@ from arm_blender.graphics.color import composite
 from arm_blender.models.instant_albedo import PAPER, SMALL
 from arm_blender.models.material_encoder import MaterialEncoder, MaterialEncoderConfig
 
-from .. import distributed
+from .. import distributed, options
 from ..datasets import shards
 from ..datasets.rasterized import Library, random_rig, read_library, surface_at
 from ..datasets.rasterized_textures import LABELS, NOTHING
-from ..trainer import Trainer, TrainerConfig
+from ..options import TrainerConfig
+from ..run_record import RunRecord
+from ..trainer import Trainer
 
 logger = logging.getLogger(__name__)
 
@@ -122,6 +124,7 @@ def fit(
     trainer_config: TrainerConfig,
     seed: int = 0,
     settings: PriorConfig = PriorConfig(),
+    record: RunRecord | None = None,
 ) -> MaterialEncoder:
     """Fit until the time is up and write the encoder's averaged weights; goes on from `<output>.resume` if it is there.
 
@@ -129,6 +132,7 @@ def fit(
         meshes: `mesh.npz` files.
         cache: where their surfaces are kept.
         output: of the checkpoint, for `fit instant-albedo --material-prior`.
+        record: of the run.
     Raises:
         ArmError: too few meshes.
     """
@@ -137,9 +141,8 @@ def fit(
     training = [path for path in meshes if path not in held_out]
     if not training:
         raise ArmError(f"{len(meshes)} objects are too few to fit and to validate; give more --shards")
-    output.parent.mkdir(parents=True, exist_ok=True)
-    trainer = Trainer(MaterialPrior(config), trainer_config, output.with_suffix(".resume"))
-    size = trainer.model.size
+    loop = Trainer(MaterialPrior(config), trainer_config, output.with_suffix(".resume"), record)
+    size = loop.model.size
 
     def drawn(paths: list[Path], random: torch.Generator) -> MaterialSample:
         path = paths[int(torch.randint(len(paths), (), generator=random))]
@@ -148,16 +151,16 @@ def fit(
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
         random = distributed.generator(seed, index)
         samples = [drawn(training, random) for _ in range(settings.objects)]
-        return prior_loss(trainer.model, joined(samples), settings)
+        return prior_loss(loop.model, joined(samples), settings)
 
     def check(model: MaterialPrior) -> dict[str, float]:
         chosen = held_out[: settings.validate]
         samples = [drawn([path], torch.Generator().manual_seed(k)) for k, path in enumerate(chosen)]
         return validate(model, samples)
 
-    averaged = trainer.run(step, check)
+    averaged = loop.run(step, check)
     if distributed.rank() == 0:
-        metadata = {"steps": str(trainer.step), "objects": str(len(training)), "labels": ", ".join(LABELS)}
+        metadata = {"steps": str(loop.step), "objects": str(len(training)), "labels": ", ".join(LABELS)}
         checkpoints.save(output, averaged.encoder.state_dict(), config, "material_encoder", metadata, half=True)
     return averaged.encoder
 
@@ -191,11 +194,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cache", type=Path, required=True, help="folder for the surfaces, made ready")
     parser.add_argument("--output", type=Path, required=True, help="checkpoint to write")
     parser.add_argument("--preset", choices=PRESETS, default="small")
-    parser.add_argument("--minutes", type=float, default=60.0, help="of the whole fit")
     parser.add_argument("--objects", type=int, default=PriorConfig.objects, help="objects a step")
     parser.add_argument("--views", type=int, default=PriorConfig.views, help="pictures of each, 1 to 10")
-    parser.add_argument("--learning-rate", type=float, default=5e-4)
-    parser.add_argument("--seed", type=int, default=0)
+    options.add_loop_arguments(parser, minutes=60.0, learning_rate=5e-4)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -204,9 +205,9 @@ def run(args: argparse.Namespace) -> int:
         raise ArmError(f"--views {args.views}: give 1 to 10")
     if args.objects < 1:
         raise ArmError(f"--objects {args.objects}: give 1 or more")
-    config = TrainerConfig(minutes=args.minutes, learning_rate=args.learning_rate, weight_decay=0.0)
+    config, record = options.config(args), RunRecord.beside(args.output, vars(args))
     meshes, library = shards.meshes(args.shards), read_library(args.data)
     settings = PriorConfig(args.objects, args.views)
     cache = args.cache / "surfaces"
-    fit(meshes, cache, library, PRESETS[args.preset], args.output, config, args.seed, settings)
+    fit(meshes, cache, library, PRESETS[args.preset], args.output, config, args.seed, settings, record)
     return 0

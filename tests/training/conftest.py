@@ -1,0 +1,80 @@
+"""Balls as the renderer would leave them, in closed form, and networks of a test's size."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+
+from arm_blender.graphics.cameras import orbit_camera
+from arm_blender.models.feature_volume import FeatureVolumeConfig
+from arm_blender.models.image_encoder import ImageEncoderConfig
+from arm_blender.models.pixel_aligned import PixelAlignedConfig
+from arm_blender.models.reconstruction import ReconstructionConfig
+from arm_blender.models.transformer import TransformerConfig
+from arm_blender.models.triplane import DecoderConfig, UpsamplerConfig
+from training.volume_rendering import pixel_rays
+
+_TINY = ReconstructionConfig(
+    encoder=ImageEncoderConfig(image_size=32, patch_size=8, position_grid=4, width=16, depth=1, heads=2),
+    transformer=TransformerConfig(width=16, layers=1, heads=2, grid=4),
+    upsampler=UpsamplerConfig(filters=8, blocks=1, growth=4, doublings=1, channels=4),
+    decoder=DecoderConfig(hidden_layers=2, hidden=16),
+    pixel_aligned=PixelAlignedConfig(channels=8, hidden=8),
+    volume=FeatureVolumeConfig(grid=8, channels=4),
+)
+_SIZE = 48
+_BALLS = {"one": (0.6, (0.0, 0.0, 0.0)), "two": (0.4, (0.3, -0.2, 0.1)), "three": (0.5, (-0.2, 0.3, -0.3))}
+"""Radius and centre of each object."""
+
+
+@pytest.fixture(scope="session")
+def tiny_network() -> ReconstructionConfig:
+    """The modules of `small`."""
+    return _TINY
+
+
+@pytest.fixture(scope="session")
+def plane_network() -> ReconstructionConfig:
+    """The modules of `paper`."""
+    return replace(_TINY, pixel_aligned=None, volume=None)
+
+
+def ball_views(radius: float, center: torch.Tensor) -> dict[str, np.ndarray]:
+    """A ball seen from ten sides, in closed form, as the renderer would leave it; its upper half is metal."""
+    cameras = [orbit_camera(36.0 * i, 40.0 * (i % 3 - 1), 4.0, 35.0, _SIZE, _SIZE) for i in range(10)]
+    c2w, K = torch.stack([c.c2w for c in cameras]), torch.stack([c.K for c in cameras])
+    row, column = torch.meshgrid(torch.arange(_SIZE) + 0.5, torch.arange(_SIZE) + 0.5, indexing="ij")
+    rays = pixel_rays(torch.stack([column, row], dim=-1).flatten(0, 1).expand(10, -1, -1), c2w, K)
+    middle = ((center - rays.origins) * rays.directions).sum(dim=-1)
+    inside = radius**2 - (rays.origins + middle[..., None] * rays.directions - center).square().sum(dim=-1)
+    distance = middle - inside.clamp(min=0.0).sqrt()
+    normal = (rays.origins + distance[..., None] * rays.directions - center) / radius
+    cosine = (rays.directions * -c2w[:, None, :3, 2]).sum(dim=-1)
+    mask = inside > 0.0
+    shape = (10, _SIZE, _SIZE)
+    rgba = torch.cat([torch.full((*mask.shape, 3), 150), mask[..., None] * 255], dim=-1)
+    return {
+        "rgba": rgba.view(*shape, 4).to(torch.uint8).numpy(),
+        "depth": torch.where(mask, distance * cosine, torch.inf).view(shape).half().numpy(),
+        "roughness": (mask * 60).view(shape).to(torch.uint8).numpy(),
+        "metallic": (mask * (normal[..., 2] > 0.0) * 255).view(shape).to(torch.uint8).numpy(),
+        "normal": (torch.where(mask[..., None], normal, 0.0) * 127.0).view(*shape, 3).to(torch.int8).numpy(),
+        "c2w": c2w.numpy(),
+        "K": K.numpy(),
+    }
+
+
+@pytest.fixture
+def ball_shards(tmp_path) -> Path:
+    """Three balls: "one", "two" and "three"."""
+    sphere = trimesh.creation.icosphere(subdivisions=2)
+    for name, (radius, center) in _BALLS.items():
+        folder = tmp_path / "shards" / name
+        folder.mkdir(parents=True)
+        vertices = (radius * sphere.vertices + center).astype(np.float32)
+        np.savez(folder / "mesh.npz", vertices=vertices, faces=sphere.faces)
+        np.savez(folder / "rig_0.npz", **ball_views(radius, torch.tensor(center)))
+    return tmp_path / "shards"

@@ -1,0 +1,88 @@
+"""Samples that supervise roughness and metallic on a shape that GeoRM made, by what the views show of both."""
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from arm_blender import checkpoints
+from arm_blender.errors import EmptyMeshError
+from arm_blender.graphics.isosurface import extract
+from arm_blender.graphics.sample_grid import IsosurfaceConfig
+from arm_blender.models.georm import GeoRM
+from arm_blender.models.reconstruction import ReconstructionConfig
+
+from . import shards, view_samples
+from .view_samples import ViewSample
+
+logger = logging.getLogger(__name__)
+
+POINTS_AT_ONCE = 2**16
+"""Bounds the memory of the density's evaluation."""
+
+
+@dataclass(frozen=True)
+class GlossSample(ViewSample):
+    """A rig of an object; `vertices` are those of GeoRM's shape.
+
+    Attributes:
+        faces: (F, 3) int64; none where GeoRM found no surface.
+        gloss: (V, 2, S, S) true roughness and metallic in [0, 1].
+    """
+
+    faces: Tensor
+    gloss: Tensor
+
+
+class Shapes:
+    """GeoRM as it is, and the shapes that it makes of the input views; the same mesh as in the program.
+
+    Args:
+        weights: of GeoRM.
+        grid: samples of the density along a side of the box.
+        device: where it runs.
+        folder: keeps the shapes, by object, rig, weights and grid; None makes each anew whenever it is asked for.
+    """
+
+    def __init__(self, weights: Path, grid: int, device: torch.device, folder: Path | None = None) -> None:
+        config, state = checkpoints.load(weights, ReconstructionConfig)
+        self.model = GeoRM(config).requires_grad_(False).eval().to(device)
+        checkpoints.restore(self.model, state, weights)
+        self.grid, self.device, self.folder = grid, device, folder
+        self._mark = f"{checkpoints.sha256(weights)[:12]}.{grid}"
+
+    def load(self, path: Path, network: ReconstructionConfig) -> GlossSample:
+        """The sample of one `rig_<k>.npz`, for a GlossyRM of `network`."""
+        sample = view_samples.load(path, network)
+        vertices, faces = self._kept(path)
+        with np.load(path) as file:
+            gloss = np.stack([file["roughness"], file["metallic"]], axis=1)
+        return GlossSample(
+            sample.inputs, sample.c2w, sample.K, sample.truth, vertices, faces, torch.from_numpy(gloss).float() / 255.0
+        )
+
+    def _kept(self, path: Path) -> tuple[Tensor, Tensor]:
+        """Vertices (N, 3) world and faces (F, 3), from the folder where they are there."""
+        if self.folder is None:
+            return self._made(path)
+        kept = self.folder / f"{path.parent.name}.{path.stem}.{self._mark}.npz"
+        if not kept.exists():
+            vertices, faces = self._made(path)
+            self.folder.mkdir(parents=True, exist_ok=True)
+            shards.save_arrays(kept, {"vertices": vertices.numpy(), "faces": faces.numpy().astype(np.int32)})
+        mesh = shards.read_mesh(kept)
+        return mesh.vertices, mesh.faces
+
+    @torch.no_grad()
+    def _made(self, path: Path) -> tuple[Tensor, Tensor]:
+        inputs = view_samples.on_device(view_samples.load(path, self.model.config).inputs, self.device)
+        density = self.model.filled_logit(self.model.encode(inputs), POINTS_AT_ONCE)
+        try:
+            mesh = extract(density, IsosurfaceConfig(self.grid, iso=0.0, chunk=POINTS_AT_ONCE), device=self.device)
+        except EmptyMeshError:
+            logger.info("%s: GeoRM finds no surface; nothing is learnt from it", path)
+            return torch.zeros(0, 3), torch.zeros(0, 3, dtype=torch.int64)
+        return mesh.vertices.cpu(), mesh.faces.cpu()

@@ -1,0 +1,152 @@
+"""The stages that render what a network predicts and compare it with a rig's views: what they share.
+
+A step takes some objects, each turned and scaled at random, shows the network six of their views or fewer, and adds the
+losses of what is rendered. Over all processes each sample is taken once before any comes again.
+"""
+
+import argparse
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from arm_blender import checkpoints
+from arm_blender.errors import ArmError
+from arm_blender.models.georm import GeoRM
+from arm_blender.models.glossyrm import GlossyRM
+from arm_blender.models.reconstruction import EncodedViews, NetworkViews, ReconstructionConfig
+
+from .. import distributed, options
+from ..datasets import shards, view_samples
+from ..datasets.point_samples import drop_views, is_held_out
+from ..datasets.view_samples import ViewSample
+from ..feature_distance import FeatureDistance
+from ..losses import Perceptual
+from ..lpips import Lpips
+from ..trainer import Trainer
+
+logger = logging.getLogger(__name__)
+
+Network = GeoRM | GlossyRM
+
+VALIDATED = 16
+"""Held-out samples at most in a validation."""
+
+Terms = Callable[[nn.Module, ViewSample, torch.Generator], dict[str, Tensor]]
+"""The loss of a model on one sample, term by term, of what is drawn at random from a generator."""
+
+
+@dataclass(frozen=True)
+class ViewStage:
+    """What makes a stage.
+
+    Attributes:
+        network: whose weights it leaves, "georm" or "glossyrm".
+        load: a `rig_<k>.npz` as a sample; of a class of the stage's own, perhaps.
+        terms: in training.
+        validation: the same where every view is shown.
+        picture: (3, H, W) in [0, 1]: inputs, predictions and truth of a sample.
+    """
+
+    network: str
+    load: Callable[[Path], ViewSample]
+    terms: Terms
+    validation: Terms
+    picture: Callable[[nn.Module, ViewSample], Tensor]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What `python -m training fit` takes for these stages; the rate is the paper's."""
+    options.add_arguments(parser, minutes=60.0, learning_rate=4e-5)
+    perceptual = parser.add_mutually_exclusive_group()
+    perceptual.add_argument("--lpips", type=Path, help="weights of LPIPS (VGG), to compare pictures as the paper does")
+    perceptual.add_argument("--feature-distance", action="store_true", help="instead: EfficientNet-Lite0's")
+    parser.add_argument("--fewer-views", type=float, help="share of the steps that show 1 to 5 of the six views")
+    parser.add_argument("--device", default="cpu", help="cpu or cuda; under torchrun each process takes its own")
+
+
+def perceptual(args: argparse.Namespace) -> Perceptual | None:
+    """The perceptual distance that the arguments ask for."""
+    if args.feature_distance:
+        return FeatureDistance.installed()
+    return Lpips.from_file(args.lpips) if args.lpips else None
+
+
+def encode(
+    model: Network, sample: ViewSample, fewer_views: float, draws: torch.Generator, bfloat16: bool
+) -> EncodedViews:
+    """The input views, all or in a share of the steps fewer, as points are decoded from; in float32.
+
+    Args:
+        bfloat16: encode so.
+    """
+    keep, inputs = drop_views(draws, fewer_views), sample.inputs
+    inputs = NetworkViews(*(x[:, keep] for x in (inputs.images, inputs.silhouette, inputs.c2w, inputs.K)))
+    with torch.autocast(inputs.images.device.type, torch.bfloat16, enabled=bfloat16):
+        encoded = model.encode(inputs)
+    return encoded.float()
+
+
+def fit(args: argparse.Namespace, model: Network, stage: ViewStage) -> int:
+    """Train and write the averaged weights.
+
+    Raises:
+        ArmError: there are no samples to train on.
+    """
+    training, held_out = split(args.shards)
+    if args.start:
+        checkpoints.restore(model, checkpoints.load(args.start, ReconstructionConfig)[1], args.start)
+    device = distributed.device(args.device)
+    loop = Trainer.from_arguments(model.to(device), args)
+
+    def step(index: int) -> tuple[Tensor, dict[str, float]]:
+        draws = distributed.generator(args.seed, index)
+        totals: dict[str, Tensor] = {}
+        for number in distributed.share(len(training), args.seed, index, args.batch):
+            sample = view_samples.moved(stage.load(training[number]), draws)
+            for name, term in stage.terms(model, view_samples.on_device(sample, device), draws).items():
+                totals[name] = totals.get(name, 0.0) + term / args.batch
+        return sum(totals.values()), {name: float(term.detach()) for name, term in totals.items()}
+
+    def check(averaged: nn.Module) -> dict[str, float]:
+        return validate(averaged, held_out[:VALIDATED], stage, device)
+
+    def picture(averaged: nn.Module) -> Tensor:
+        sample = stage.load((held_out or training)[0])
+        return stage.picture(averaged, view_samples.on_device(sample, device))
+
+    averaged = loop.run(step, check, picture)
+    if distributed.rank() == 0:
+        metadata = {"steps": str(loop.step), "samples": str(len(training))}
+        name = f"{args.preset}.{stage.network}"
+        checkpoints.save(args.output, averaged.state_dict(), model.config, name, metadata)
+    return 0
+
+
+def split(folder: Path) -> tuple[list[Path], list[Path]]:
+    """The samples to train on, and those that only validate.
+
+    Raises:
+        ArmError: there are none to train on.
+    """
+    paths = shards.rigs(folder)
+    training, held_out = ([path for path in paths if is_held_out(path) == which] for which in (False, True))
+    if not training:
+        raise ArmError(f"{folder}: all of its {len(paths)} samples only validate; render more objects")
+    if distributed.rank() == 0:
+        logger.info("%d samples to train on, %d held out", len(training), len(held_out))
+    return training, held_out
+
+
+@torch.no_grad()
+def validate(model: nn.Module, paths: list[Path], stage: ViewStage, device: torch.device) -> dict[str, float]:
+    """The mean terms over samples that training never sees, always drawn alike."""
+    totals: dict[str, float] = {}
+    for path in paths:
+        sample = view_samples.on_device(stage.load(path), device)
+        for name, term in stage.validation(model, sample, torch.Generator().manual_seed(0)).items():
+            totals[name] = totals.get(name, 0.0) + float(term) / len(paths)
+    return totals
