@@ -1,194 +1,175 @@
-"""`python -m training evaluate`: the geometry of GeoRM against the truth, beside the visual hull of the same masks.
+"""`python -m training evaluate`: shape, colours, materials and relighting against the truth, beside what needs no network.
 
-The hull knows nothing but silhouettes. A network that does not beat it has learned nothing worth its run time, and the
-report says so in words.
+With `--data` the truth is rendered once into a cache, the real pipeline runs on every object, its assets are rendered
+as the truth was, and one table says where they stand. With `--views` the shapes alone are compared, without Blender.
 """
 
 import argparse
 import logging
-import math
+import subprocess
+import sys
+import tempfile
 import time
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
-import torch
+from arm_blender.errors import ArmError
+from arm_blender.files import check_output
+from arm_blender.views import ViewOptions
+from arm_blender.views.zero123plus.sampling import Zero123PlusConfig
 
-from arm_blender import pipeline
-from arm_blender.config import PRESETS, QUALITIES, Settings
-from arm_blender.errors import EmptyMeshError
-from arm_blender.files import check_output, whole_file, write_json
-from arm_blender.structures import TriangleMesh, ViewSet
-from arm_blender.uv.decimate import decimate
-from arm_blender.views.scene_frame import normalise
-
-from .contact_sheet import contact_sheet
-from .geometry import SAMPLES, GeometryScores, compare
-from .objects import EvaluationObject, evaluation_objects
-from .results import fill_block, markdown_table, paragraphs, write_text
-from .visual_hull import visual_hull
+from ..datasets.manifest import read_manifest
+from ..lpips import Lpips
+from . import shape_table
+from .bars import Cost
+from .entries import DATASETS, evaluation_entries, spread
+from .measure import ONE_VIEW, OURS, ObjectResult, measure
+from .objects import EvaluationObject
+from .output import Sheets, write_tables
+from .protocol import QUICK, EvaluationEntry, Protocol
+from .trial import Trial, add_object_arguments, add_trial_arguments, other_settings, trial_settings
+from .truth import is_whole, read_truth
 
 logger = logging.getLogger(__name__)
 
-FAILED = GeometryScores(f_coarse=0.0, f_fine=0.0, chamfer=float("inf"))
-"""Of an object without a surface: it stays in the means."""
-MEASURES = {"f_coarse": "F@0.1", "f_fine": "F@0.02", "chamfer": "CD"}
+QUICK_OBJECTS, QUICK_POINTS = 6, 30_000
 
-
-@dataclass(frozen=True)
-class ObjectResult:
-    """What was measured on one object.
-
-    Attributes:
-        name: the object's id.
-        ours: of the network's mesh as the pipeline hands it on: cleaned and decimated.
-        hull: of the visual hull of the same masks on the same grid.
-        seconds: of the network's geometry stage, from posed views to the mesh.
-        faces: of the network's mesh.
-    """
-
-    name: str
-    ours: GeometryScores
-    hull: GeometryScores
-    seconds: float
-    faces: int
+NETWORKS = ("georm", "glossyrm", "instant_albedo")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The words of `python -m training evaluate`."""
-    add_object_arguments(parser)
+    add_object_arguments(parser, required=False)
+    add_trial_arguments(parser)
     parser.add_argument("--output", type=Path, default=Path("out/evaluation"), help="folder of tables and pictures")
-    parser.add_argument("--quality", default="balanced", choices=QUALITIES)
-    parser.add_argument("--grid", type=int, help="samples a side; the quality's by default")
-    parser.add_argument("--faces", type=int, help="face budget; the quality's by default")
-    parser.add_argument("--run-time", action="store_true", help="a column with the seconds per object")
     parser.add_argument("--no-sheets", action="store_true", help="no picture per object")
+    parser.add_argument("--run-time", action="store_true", help="with --views: a column with the seconds per object")
     parser.add_argument(
         "--update-readme", type=Path, nargs="?", const=Path("README.md"), help="fill the document's block of results"
     )
-
-
-def add_object_arguments(parser: argparse.ArgumentParser) -> None:
-    """The words that choose what is measured, shared with `sweep`."""
-    parser.add_argument("--views", type=Path, required=True, help="folder written by `render --layout views`")
-    parser.add_argument("--data", type=Path, help="folder with manifest.json; ARM_DATA by default")
-    parser.add_argument("--set", nargs="*", default=["gso"], help="sets of the manifest")
-    parser.add_argument("--split", default="eval", choices=("train", "eval"))
-    parser.add_argument("--limit", type=int, help="only the first objects, by name")
-    parser.add_argument("--preset", default="small", choices=PRESETS)
-    parser.add_argument("--device", default="cpu")
-    parser.add_argument("--seed", type=int, default=0, help="of the points compared")
+    parser.add_argument("--dataset", default="manifest", choices=DATASETS, help="how the data folder is laid out")
+    parser.add_argument("--ids", nargs="*", help="only these objects")
+    parser.add_argument("--cache", type=Path, default=Path("out/evaluation-truth"), help="rendered truth, kept")
+    parser.add_argument("--resolution", type=int, default=Protocol.resolution, help="pixels a side of every view")
+    parser.add_argument("--samples", type=int, default=Protocol.samples, help="of Cycles, a pixel")
+    parser.add_argument("--test-views", type=int, default=Protocol.views, help="around the object")
+    parser.add_argument("--quick", action="store_true", help="six objects, four test views, eight samples")
+    parser.add_argument("--no-cycles", action="store_true", help="maps and shapes alone: no lit colour, no relighting")
+    parser.add_argument("--no-single", action="store_true", help="six views only, not the one view")
+    parser.add_argument("--lpips", type=Path, metavar="FILE", help="weights of LPIPS, Alex for the paper's numbers")
+    parser.add_argument("--multiview-model", type=Path, metavar="DIR", help="Zero123++'s weights: a row for its views")
+    parser.add_argument("--picture", type=Path, metavar="FILE", help="a picture of the objects of --picture-of")
+    parser.add_argument("--picture-of", nargs="*", default=(), metavar="ID")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure every object, then write `results.md`, `results.json` and a sheet per object."""
-    settings = Settings(args.preset, args.quality, grid=args.grid, faces=args.faces, device=args.device)
-    objects = evaluation_objects(args.views, args.data, tuple(args.set), args.split)[: args.limit]
+    """Measure every object, and write `results.md`, `results.json` and the sheets."""
+    if args.views is not None:
+        return shape_table.run(args)
+    protocol = QUICK if args.quick else Protocol(args.resolution, args.samples, args.test_views)
+    entries, trial = _entries(args), _trial(args, protocol)
     check_output(args.output)
     args.output.mkdir(parents=True, exist_ok=True)
-    results = []
-    for index, item in enumerate(objects):
-        results.append(measure(item, settings, args.seed, None if args.no_sheets else args.output))
-        logger.info("%d of %d, %s", index + 1, len(objects), _summary(results[-1]))
-    report = paragraphs(results_table(results, args.run_time), verdict(results), f"Made by `{args.command}`.")
-    write_text(args.output / "results.md", report)
-    write_json(args.output / "results.json", {"command": args.command, "seed": args.seed} | as_json(results, settings))
-    if args.update_readme:
-        fill_block(args.update_readme, "results", report)
-    print(report)
+    cache = args.cache / protocol.folder
+    _render_truth(entries, cache, args, protocol)
+    cold = _cold_seconds(cache / entries[0].name, trial)
+    results, sheets = [], Sheets(args.output, args.picture_of)
+    for index, entry in enumerate(entries):
+        item = EvaluationObject(entry.name, cache / entry.name)
+        result, shown = measure(entry, item, read_truth(item, args.data), _with_provider(trial, entry, args))
+        results.append(result)
+        logger.info("%d of %d, %s", index + 1, len(entries), _summary(result))
+        if not args.no_sheets:
+            sheets.add(result, shown)
+    sheets.finish(args.picture)
+    write_tables(args.output, results, _cost(cold, results, trial), trial, args.command, args.update_readme)
+    print((args.output / "results.md").read_text(encoding="utf-8"))
     return 0
 
 
-def measure(item: EvaluationObject, settings: Settings, seed: int, sheets: Path | None) -> ObjectResult:
-    """Reconstruct one object both ways and compare both with the truth.
-
-    Args:
-        seed: of the points compared.
-        sheets: where the object's contact sheet goes; none is made without.
-    """
-    views, truth = item.views(), item.truth()
-    shapes = {"truth": truth, "hull": visual_hull(views, settings.resolved.grid)}
-    start = time.perf_counter()
-    try:
-        shapes["ours"] = reconstruct(views, settings)
-    except EmptyMeshError as error:
-        logger.warning("%s: %s", item.name, error)
-    seconds = time.perf_counter() - start
-    if sheets is not None:
-        order = {name: shapes[name] for name in ("ours", "hull", "truth") if name in shapes}
-        with whole_file(sheets / f"{item.name}.png") as temporary:
-            contact_sheet(views, order).save(temporary)
-    return ObjectResult(
-        name=item.name,
-        ours=compare(shapes["ours"], truth, seed=seed) if "ours" in shapes else FAILED,
-        hull=compare(shapes["hull"], truth, seed=seed),
-        seconds=seconds,
-        faces=len(shapes["ours"].faces) if "ours" in shapes else 0,
+def _trial(args: argparse.Namespace, protocol: Protocol) -> Trial:
+    """What the words ask to try."""
+    return Trial(
+        trial_settings(args),
+        protocol,
+        args.seed,
+        QUICK_POINTS if args.quick else Trial.points,
+        cycles=not args.no_cycles,
+        one_view=not args.no_single,
+        perceptual=None if args.lpips is None else Lpips.from_file(args.lpips),
+        others=other_settings(args),
     )
 
 
-@torch.inference_mode()
-def reconstruct(views: ViewSet, settings: Settings) -> TriangleMesh:
-    """The geometry stage as `generate` runs it: in the networks' box, then put back into the cameras' frame."""
-    boxed, frame = normalise(views.to(settings.device))
-    mesh = decimate(pipeline.shape(boxed, settings), settings.resolved.faces)
-    return TriangleMesh(frame.restore(mesh.vertices).cpu(), mesh.faces.cpu())
+def _entries(args: argparse.Namespace) -> list[EvaluationEntry]:
+    """The chosen objects.
+
+    Raises:
+        ArmError: none, or `--ids` names others.
+    """
+    entries = evaluation_entries(args.data, args.dataset, args.split, args.set)
+    if args.ids:
+        unknown = sorted(set(args.ids) - {entry.name for entry in entries})
+        if unknown:
+            raise ArmError(f"--ids {' '.join(unknown)}: no such object of split {args.split}")
+        entries = [entry for entry in entries if entry.name in args.ids]
+    if args.quick and len(entries) > QUICK_OBJECTS:
+        entries = spread(entries, QUICK_OBJECTS)
+    return entries[: args.limit]
 
 
-def mean_scores(results: list[ObjectResult], which: str) -> GeometryScores:
-    """The mean of every measure over the objects; `which` is "ours" or "hull"."""
-    scores = [getattr(result, which) for result in results]
-    return GeometryScores(**{name: sum(getattr(s, name) for s in scores) / len(scores) for name in MEASURES})
+def _render_truth(
+    entries: Sequence[EvaluationEntry], cache: Path, args: argparse.Namespace, protocol: Protocol
+) -> None:
+    """Whatever the cache lacks; only then Blender is needed here."""
+    if all(is_whole(cache / entry.name) for entry in entries):
+        return
+    from .truth_blender import environments, render_missing
+
+    hdris = read_manifest(args.data)["hdris"] if args.dataset == "manifest" else []
+    lights = {split: [args.data / h["files"][0] for h in hdris if h["split"] == split] for split in ("train", "eval")}
+    render_missing(entries, cache, args.data, environments(lights), protocol)
 
 
-def results_table(results: list[ObjectResult], run_time: bool) -> str:
-    """Markdown: a row per object and one of means, ours beside the hull's."""
-    header = ["object", *(f"{text} {which}" for text in MEASURES.values() for which in ("ours", "hull"))]
-    rows = [[result.name, *_pairs(result.ours, result.hull)] for result in results]
-    rows.append(["**mean**", *_pairs(mean_scores(results, "ours"), mean_scores(results, "hull"))])
-    if run_time:
-        seconds = [result.seconds for result in results]
-        header.append("seconds")
-        rows = [[*row, value] for row, value in zip(rows, [*seconds, sum(seconds) / len(seconds)], strict=True)]
-    return markdown_table(header, rows)
+def _with_provider(trial: Trial, entry: EvaluationEntry, args: argparse.Namespace) -> Trial:
+    """The trial with a provider of views for this object, where its weights are named."""
+    if args.multiview_model is None:
+        return trial
+    drawing = Zero123PlusConfig(args.multiview_model, args.output / "views" / entry.name, device=args.device)
+    return replace(trial, provider=ViewOptions(multiview="zero123plus", zero123plus=drawing))
 
 
-def verdict(results: list[ObjectResult]) -> str:
-    """One sentence per measure: whether the network beats the hull in the mean, and on how many objects."""
-    ours, hull = mean_scores(results, "ours"), mean_scores(results, "hull")
-    sentences = []
-    for name, text in MEASURES.items():
-        sign = -1.0 if name == "chamfer" else 1.0
-        wins = sum(sign * (getattr(r.ours, name) - getattr(r.hull, name)) > 0.0 for r in results)
-        word = "beats" if sign * (getattr(ours, name) - getattr(hull, name)) > 0.0 else "does NOT beat"
-        sentences.append(
-            f"{text}: the network {word} the visual hull ({getattr(ours, name):.4f} against {getattr(hull, name):.4f}; "
-            f"better on {wins} of {len(results)} objects)."
+def _cold_seconds(views: Path, trial: Trial) -> float:
+    """Seconds of the program on the six views in a folder, from its start to its last file; NaN where it fails."""
+    settings = trial.settings
+    with tempfile.TemporaryDirectory() as folder:
+        words = [str(views), "--output", folder, "--preset", settings.preset, "--quality", settings.quality]
+        start = time.perf_counter()
+        done = subprocess.run(
+            [sys.executable, "-m", "arm_blender", "generate", *words, "--device", settings.device],
+            capture_output=True,
+            text=True,
+            check=False,
         )
-    return "  \n".join(sentences)
+    if done.returncode != 0:
+        logger.warning("%s: not timed (%s)", views, done.stderr.strip().rpartition("\n")[2])
+        return float("nan")
+    return time.perf_counter() - start
 
 
-def as_json(results: list[ObjectResult], settings: Settings) -> dict:
-    """Everything that was measured; a distance that is infinite, where there was no surface, becomes null."""
-
-    def finite(value: object) -> object:
-        if isinstance(value, dict):
-            return {key: finite(inner) for key, inner in value.items()}
-        return None if isinstance(value, float) and not math.isfinite(value) else value
-
-    return {
-        "settings": asdict(settings),
-        "samples": SAMPLES,
-        "mean": {which: finite(asdict(mean_scores(results, which))) for which in ("ours", "hull")},
-        "objects": [finite(asdict(result)) for result in results],
-    }
-
-
-def _pairs(ours: GeometryScores, hull: GeometryScores) -> list[float]:
-    return [getattr(scores, name) for name in MEASURES for scores in (ours, hull)]
+def _cost(cold: float, results: Sequence[ObjectResult], trial: Trial) -> Cost:
+    """What a user pays; the seconds of the first object are left out, for it loads the weights."""
+    seconds = [sum(result.seconds.values()) for result in results if result.seconds]
+    warm = seconds[1:] or seconds or [float("nan")]
+    size = sum(trial.settings.weights(name).stat().st_size for name in NETWORKS)
+    return Cost(cold, sum(warm) / len(warm), size / 2**20)
 
 
 def _summary(result: ObjectResult) -> str:
-    return (
-        f"{result.name}: F@0.1 {result.ours.f_coarse:.3f} (hull {result.hull.f_coarse:.3f}), "
-        f"CD {result.ours.chamfer:.4f} (hull {result.hull.chamfer:.4f}), {result.seconds:.1f} s"
-    )
+    """A line for the log."""
+    ours = result.systems[OURS]
+    maps = ", ".join(f"{name} {scores.psnr_in:.1f}" for name, scores in ours.maps.items())
+    one = result.systems.get(ONE_VIEW)
+    single = f", one view F@0.1 {one.geometry.f_coarse:.3f}" if one is not None else ""
+    return f"{result.name}: F@0.1 {ours.geometry.f_coarse:.3f}, IoU {ours.overlap:.3f}; dB in: {maps}{single}"
