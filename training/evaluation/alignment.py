@@ -5,7 +5,7 @@ as it is comes first: a symmetric shape stays as it is instead of turning by cha
 that a prediction cannot shrink into a point of the truth.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,8 +23,8 @@ class AlignmentConfig:
 
     scales: tuple[float, ...] = (0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4)
     """Tried with every rotation; the paper's range."""
-    points: int = 1_000
-    """On each surface while poses are tried; a tenth more precise for four times the time."""
+    points: int = 2_000
+    """On each surface while poses are tried. Fewer leave the scale a percent off; more cost time."""
     refined: int = 6
     """Candidates that ICP goes on with. One alone may lie in the wrong basin."""
     rounds: int = 30
@@ -60,6 +60,11 @@ def align(
         if distance < best - config.noise:
             best, chosen = distance, refined
     return torch.from_numpy(np.linalg.inv(truth_to_unit) @ chosen @ to_unit).float()
+
+
+def moved_by(motion: Tensor) -> Callable[[Tensor], Tensor]:
+    """A motion (4, 4) of vertices (N, 3)."""
+    return lambda vertices: vertices @ motion[:3, :3].T + motion[:3, 3]
 
 
 def poses(scales: tuple[float, ...]) -> Iterator[np.ndarray]:

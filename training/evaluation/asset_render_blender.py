@@ -13,16 +13,16 @@ from torch import Tensor
 from arm_blender.blender.compat import shader_tree
 from arm_blender.blender.scene import build_object
 from arm_blender.graphics.cameras import Camera
-from arm_blender.structures import RelightableAsset, TriangleMesh
+from arm_blender.structures import RelightableAsset
 
-from ..datasets.scene_blender import import_object, make_opaque, triangles
+from ..datasets.scene_blender import import_object, make_opaque
 from .baselines import ColoredMesh
 from .protocol import Protocol
 from .truth import Appearance
 from .truth_blender import light, prepare_render, render_pictures
 
-COLORS = "color"
-"""Name of the attribute that holds a baseline's colours."""
+COLORS = "arm_color"
+"""Name of the attribute that holds a baseline's colours; a plain "color" Cycles takes for one of its own."""
 
 
 def asset_lights(asset: RelightableAsset, cameras: Sequence[Camera], lights: Sequence[Path], protocol: Protocol):
@@ -37,24 +37,23 @@ def colored_lights(colored: ColoredMesh, cameras: Sequence[Camera], lights: Sequ
 
 def file_appearance(
     path: Path, motion: Tensor, cameras: Sequence[Camera], lights: Sequence[Path], protocol: Protocol
-) -> tuple[TriangleMesh, Appearance]:
-    """Another system's mesh, moved, and what it shows: its own maps, and itself under both lights.
+) -> Appearance:
+    """What another system's mesh shows once it is moved: its own maps, and itself under both lights.
 
     Args:
         path: GLB, glTF or OBJ; an OBJ is taken to be Z up.
         motion: (4, 4) from the file's frame (Z up, as Blender imports it) to the truth's.
         lights: that of the inputs, and the other.
     Raises:
-        ArmError: the format is another, or holds no triangles.
+        ArmError: the format is another.
     """
-    objects = import_object(path)
+    import_object(path)
     for item in [o for o in bpy.data.objects if o.parent is None]:
         item.matrix_world = Matrix(motion.tolist()) @ item.matrix_world
     bpy.context.view_layer.update()
-    vertices, faces = triangles(objects)
     for material in bpy.data.materials:
         make_opaque(material)
-    prepare_render(protocol)
+    prepare_render(protocol.resolution, protocol.asset_samples)
     light(lights[0])
     pictures = render_pictures(cameras)
     rgba = _channels_first([picture["rgba"] for picture in pictures])
@@ -68,7 +67,7 @@ def file_appearance(
         lit=rgba[:, :3],
     )
     relit = _channels_first([picture["rgba"][..., :3] for picture in render_pictures(cameras)])
-    return TriangleMesh(torch.from_numpy(vertices), torch.from_numpy(faces)), replace(found, relit=relit)
+    return replace(found, relit=relit)
 
 
 def _lights(
@@ -76,7 +75,7 @@ def _lights(
 ) -> list[Tensor]:
     bpy.ops.wm.read_factory_settings(use_empty=True)
     build()
-    prepare_render(protocol)
+    prepare_render(protocol.resolution, protocol.asset_samples)
     found = []
     for hdri in lights:
         light(hdri)
@@ -94,8 +93,8 @@ def _build_colored(colored: ColoredMesh) -> bpy.types.Object:
     material = bpy.data.materials.new("colored")
     tree = shader_tree(material)
     surface = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
-    source = tree.nodes.new("ShaderNodeAttribute")
-    source.attribute_name = COLORS
+    source = tree.nodes.new("ShaderNodeVertexColor")
+    source.layer_name = COLORS
     tree.links.new(source.outputs["Color"], surface.inputs["Base Color"])
     surface.inputs["Roughness"].default_value = colored.roughness
     surface.inputs["Metallic"].default_value = colored.metallic

@@ -95,7 +95,8 @@ def bars_table(results: Sequence[ObjectResult], cost: Cost | None) -> str:
         ours = mean(results, bar.kinds, bar.system, bar.read)
         hull = mean(results, bar.kinds, HULL, bar.read) if bar.system == OURS and bar.over is None else None
         if bar.over is not None and ours is not None:
-            ours -= mean(results, bar.kinds, bar.over, bar.read)
+            theirs = mean(results, bar.kinds, bar.over, bar.read)
+            ours = None if theirs is None else ours - theirs
         rows.append(_row(bar.title, hull, ours, bar.must, bar.aim, bar.lower))
         if bar.title.endswith(("roughness PSNR in", "metallic PSNR in")):
             name = bar.title.split()[2]
@@ -114,7 +115,7 @@ def bars_table(results: Sequence[ObjectResult], cost: Cost | None) -> str:
 def _row(title: str, hull: float | None, ours: float | None, must: float, aim: float, lower: bool) -> list[str]:
     sign = -1.0 if lower else 1.0
     reached = "not measured"
-    if ours is not None:
+    if ours is not None and not math.isnan(ours):
         reached = "aim" if sign * (ours - aim) >= 0.0 else "must" if sign * (ours - must) >= 0.0 else "**no**"
     return [title, _number(hull, must), _number(must, must), _number(aim, must), _number(ours, must), reached]
 

@@ -1,4 +1,4 @@
-"""What no network is needed for: the hull with the views' colours on it, and our shape with the views blended onto it."""
+"""What no network is needed for: the hull with the views' colours, and our shape with the views blended onto it."""
 
 from dataclasses import dataclass, replace
 

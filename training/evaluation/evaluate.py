@@ -1,4 +1,4 @@
-"""`python -m training evaluate`: shape, colours, materials and relighting against the truth, beside what needs no network.
+"""`python -m training evaluate`: shape, colours, materials and relighting against the truth, beside simple baselines.
 
 With `--data` the truth is rendered once into a cache, the real pipeline runs on every object, its assets are rendered
 as the truth was, and one table says where they stand. With `--views` the shapes alone are compared, without Blender.
@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import zlib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -26,8 +27,10 @@ from .bars import Cost
 from .entries import DATASETS, evaluation_entries, spread
 from .measure import ONE_VIEW, OURS, ObjectResult, measure
 from .objects import EvaluationObject
-from .output import Sheets, write_tables
+from .other_system import measure_file, mesh_of
+from .output import Sheets, front_text, write_tables
 from .protocol import QUICK, EvaluationEntry, Protocol
+from .results import fill_block
 from .trial import Trial, add_object_arguments, add_trial_arguments, other_settings, trial_settings
 from .truth import is_whole, read_truth
 
@@ -49,6 +52,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--update-readme", type=Path, nargs="?", const=Path("README.md"), help="fill the document's block of results"
     )
     parser.add_argument("--dataset", default="manifest", choices=DATASETS, help="how the data folder is laid out")
+    parser.add_argument("--meshes", type=Path, metavar="DIR", help="another system's <id>.glb instead of ours")
+    parser.add_argument("--aligned", action="store_true", help="those lie in no known frame")
     parser.add_argument("--ids", nargs="*", help="only these objects")
     parser.add_argument("--cache", type=Path, default=Path("out/evaluation-truth"), help="rendered truth, kept")
     parser.add_argument("--resolution", type=int, default=Protocol.resolution, help="pixels a side of every view")
@@ -73,17 +78,25 @@ def run(args: argparse.Namespace) -> int:
     args.output.mkdir(parents=True, exist_ok=True)
     cache = args.cache / protocol.folder
     _render_truth(entries, cache, args, protocol)
-    cold = _cold_seconds(cache / entries[0].name, trial)
+    cold = float("nan") if args.meshes else _cold_seconds(cache / entries[0].name, trial)
     results, sheets = [], Sheets(args.output, args.picture_of)
     for index, entry in enumerate(entries):
         item = EvaluationObject(entry.name, cache / entry.name)
-        result, shown = measure(entry, item, read_truth(item, args.data), _with_provider(trial, entry, args))
+        truth = read_truth(item, args.data)
+        if args.meshes:
+            path = mesh_of(args.meshes, entry.name)
+            result, shown = measure_file(entry, item, truth, trial, path, not args.aligned)
+        else:
+            result, shown = measure(entry, item, truth, _with_provider(trial, entry, args))
         results.append(result)
         logger.info("%d of %d, %s", index + 1, len(entries), _summary(result))
         if not args.no_sheets:
             sheets.add(result, shown)
+        # After every object: what ends the run leaves a table that says of how many it is.
+        write_tables(args.output, results, _cost(cold, results, trial), trial, args.command)
     sheets.finish(args.picture)
-    write_tables(args.output, results, _cost(cold, results, trial), trial, args.command, args.update_readme)
+    if args.update_readme is not None:
+        fill_block(args.update_readme, "results", front_text(results, _cost(cold, results, trial), trial, args.command))
     print((args.output / "results.md").read_text(encoding="utf-8"))
     return 0
 
@@ -116,6 +129,7 @@ def _entries(args: argparse.Namespace) -> list[EvaluationEntry]:
         entries = [entry for entry in entries if entry.name in args.ids]
     if args.quick and len(entries) > QUICK_OBJECTS:
         entries = spread(entries, QUICK_OBJECTS)
+    entries.sort(key=lambda entry: zlib.crc32(entry.name.encode()))  # So that any prefix is a fair sample.
     return entries[: args.limit]
 
 
@@ -172,4 +186,5 @@ def _summary(result: ObjectResult) -> str:
     maps = ", ".join(f"{name} {scores.psnr_in:.1f}" for name, scores in ours.maps.items())
     one = result.systems.get(ONE_VIEW)
     single = f", one view F@0.1 {one.geometry.f_coarse:.3f}" if one is not None else ""
-    return f"{result.name}: F@0.1 {ours.geometry.f_coarse:.3f}, IoU {ours.overlap:.3f}; dB in: {maps}{single}"
+    shape = ours.geometry or ours.aligned
+    return f"{result.name}: F@0.1 {shape.f_coarse:.3f}, IoU {ours.overlap:.3f}; dB in: {maps}{single}"

@@ -1,7 +1,8 @@
 """F-score and Chamfer distance between two surfaces (ARM, section 6), in the frame of the cameras.
 
 The views are posed, so the prediction already lies in the truth's frame: nothing is aligned here, and no search over
-poses can flatter a result (`alignment` is for shapes whose frame is unknown). The Chamfer distance is the sum of both mean distances, unsquared.
+poses can flatter a result (`alignment` is for shapes whose frame is unknown). The Chamfer distance is the sum of both
+mean distances, unsquared.
 """
 
 import math

@@ -8,11 +8,12 @@ import torch
 
 from arm_blender import pipeline
 from arm_blender.errors import ArmError, EmptyMeshError
+from arm_blender.graphics.color import linear_from_srgb, srgb_from_linear
 from arm_blender.report import Report
 from arm_blender.structures import RelightableAsset, TriangleMesh, UvMesh, ViewSet
 from arm_blender.views import ViewOptions, load_views
 
-from .alignment import align
+from .alignment import align, moved_by
 from .asset_pictures import map_pictures, vertex_pictures
 from .baselines import colored_hull, plain_blend
 from .geometry import FAILED, GeometryScores, ceiling, compare
@@ -96,7 +97,7 @@ def measure(entry: EvaluationEntry, item: EvaluationObject, truth: Truth, trial:
         if entry.has_material:
             alpha, tests = shown.pictures[OURS].alpha, truth.tests
             measured = {name: moments(getattr(tests, name), alpha, tests.alpha) for name in ("roughness", "metallic")}
-    systems[HULL] = _score_hull(entry, shown, trial)
+    systems[HULL] = score_hull(entry, shown, trial)
     for name, settings in trial.others.items():
         other, _ = _generate(views, settings)
         systems[name] = _failed(truth, entry) if other is None else _score_asset(name, other, entry, shown, trial)
@@ -122,18 +123,10 @@ def score_pictures(found: Appearance, truth: Appearance, entry: EvaluationEntry,
 
 def scaled_albedo(found: Appearance, truth: Appearance) -> torch.Tensor:
     """(V, 3, N, N) sRGB: the albedo times the one linear factor for all views that brings it nearest to the truth."""
-    from arm_blender.graphics.color import linear_from_srgb, srgb_from_linear
-
     own, true = linear_from_srgb(found.albedo), linear_from_srgb(truth.albedo)
     both = (found.mask & truth.mask).expand_as(own)
     factor = (own * true)[both].sum() / own[both].square().sum().clamp(min=1e-9)
     return srgb_from_linear(own * factor)
-
-
-def aligned_motion(found: TriangleMesh, truth: TriangleMesh, seed: int):
-    """The paper's alignment as a motion of vertices (N, 3)."""
-    motion = align(found, truth, seed)
-    return lambda vertices: vertices @ motion[:3, :3].T + motion[:3, 3]
 
 
 def _generate(views: ViewSet, settings: TrialSettings) -> tuple[RelightableAsset | None, Report | None]:
@@ -164,7 +157,7 @@ def _score_asset(
     result = score_pictures(found, tests, entry, trial)
     if name == BLEND:
         return result  # Its shape is ours.
-    motion = aligned_motion(shown.shapes[name], surface, trial.seed)
+    motion = moved_by(align(shown.shapes[name], surface, trial.seed))
     return replace(
         result,
         geometry=compare(shown.shapes[name], surface, trial.points, trial.seed),
@@ -172,7 +165,8 @@ def _score_asset(
     )
 
 
-def _score_hull(entry: EvaluationEntry, shown: Shown, trial: Trial) -> SystemResult:
+def score_hull(entry: EvaluationEntry, shown: Shown, trial: Trial) -> SystemResult:
+    """The visual hull with the views' colours; what it shows is kept."""
     tests = shown.truth.tests
     hull = colored_hull(shown.views, trial.settings.resolved.grid, UNMEASURED)
     found = vertex_pictures(hull.mesh, hull.colors, UNMEASURED, tests.cameras)
@@ -218,7 +212,7 @@ def _unposed(
     if asset is None:
         return replace(_failed(shown.truth, entry), geometry=None)
     surface, tests = shown.shapes["truth"], shown.truth.tests
-    moved = replace(asset, mesh=asset.mesh.moved(aligned_motion(_shape(asset.mesh), surface, trial.seed)))
+    moved = replace(asset, mesh=asset.mesh.moved(moved_by(align(_shape(asset.mesh), surface, trial.seed))))
     shown.pictures[name], shown.shapes[name] = map_pictures(moved, tests.cameras), _shape(moved.mesh)
     scores = compare(moved.mesh, surface, trial.points, trial.seed)
     return replace(score_pictures(shown.pictures[name], tests, entry, trial), aligned=scores)

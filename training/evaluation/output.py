@@ -9,7 +9,7 @@ from arm_blender.files import whole_file, write_json
 from .bars import Cost, bars_table
 from .measure import OURS, ObjectResult, Shown
 from .report_text import as_json, finite, means_table, objects_table, verdicts
-from .results import fill_block, paragraphs, write_text
+from .results import paragraphs, write_text
 from .sheets import front_sheet, large_sheet, object_sheet
 from .trial import Trial
 
@@ -47,38 +47,48 @@ def quality(result: ObjectResult) -> float:
     return maps["relit" if "relit" in maps else "albedo"].psnr_in
 
 
-def write_tables(
-    folder: Path, results: Sequence[ObjectResult], cost: Cost, trial: Trial, command: str, readme: Path | None
-) -> None:
-    """`results.md`, `results.json`, and the document's block of results."""
-    lights = "" if trial.cycles else " Nothing was lit: lit colour and relighting have no numbers."
-    setting = (
-        f"{len(results)} objects, {trial.protocol.views} test views of {trial.protocol.resolution}², truth and assets by "
-        f"Cycles at {trial.protocol.samples} samples a pixel, one light for the inputs and one for relighting, "
-        f"{trial.points:,} points on each surface.{lights}"
-    )
-    made = f"Made by `{command}`."
-    table, words = bars_table(results, cost), verdicts(results)
+def write_tables(folder: Path, results: Sequence[ObjectResult], cost: Cost, trial: Trial, command: str) -> None:
+    """`results.md` and `results.json`."""
     sets = [
         part
         for kind in sorted({result.kind for result in results})
         for part in (f"## Means over the set `{kind}`", means_table(results, kind))
     ]
-    parts = ["# Evaluation", setting, table, words, *sets, "## Objects", objects_table(results), made]
-    write_text(folder / "results.md", paragraphs(*parts))
-    record = {"command": command, "setting": setting, "cost": asdict(cost), "points": trial.points, "seed": trial.seed}
+    front = front_text(results, cost, trial, command)
+    write_text(folder / "results.md", paragraphs("# Evaluation", front, *sets, "## Objects", objects_table(results)))
     settings = {
         name: str(value) if isinstance(value, Path) else value for name, value in asdict(trial.settings).items()
     }
-    protocol = asdict(trial.protocol)
-    write_json(
-        folder / "results.json",
-        record
-        | {"settings": settings, "protocol": protocol, "objects": as_json(results)}
-        | {"cost": finite(asdict(cost))},
+    record = {
+        "command": command,
+        "setting": setting_text(results, trial),
+        "settings": settings,
+        "protocol": asdict(trial.protocol),
+        "points": trial.points,
+        "seed": trial.seed,
+        "cost": finite(asdict(cost)),
+        "objects": as_json(results),
+    }
+    write_json(folder / "results.json", record)
+
+
+def front_text(results: Sequence[ObjectResult], cost: Cost, trial: Trial, command: str) -> str:
+    """The bars' table, and what does not beat its baseline: Markdown for a front page."""
+    return paragraphs(
+        setting_text(results, trial), bars_table(results, cost), verdicts(results), f"Made by `{command}`."
     )
-    if readme is not None:
-        fill_block(readme, "results", paragraphs(setting, table, words, made))
+
+
+def setting_text(results: Sequence[ObjectResult], trial: Trial) -> str:
+    """What the numbers are of."""
+    protocol = trial.protocol
+    text = f"{len(results)} objects, {protocol.views} test views of {protocol.resolution}², "
+    if trial.cycles:
+        text += f"by Cycles at {protocol.samples} samples a pixel (assets {protocol.asset_samples}, all denoised), "
+        text += "one environment for inputs and lit colour and one for relighting, "
+    else:
+        text += "nothing lit, "
+    return f"{text}{trial.points:,} points on each surface."
 
 
 def _save(path: Path, picture) -> None:

@@ -35,6 +35,8 @@ class Protocol:
     """Pixels a side of all views."""
     samples: int = 32
     """Cycles samples a pixel, denoised. Fewer leave noise that a prediction cannot have."""
+    asset_samples: int = 16
+    """Of the assets, denoised as well; the truth's noise would be a ceiling for all of them, theirs is not."""
     views: int = 8
     """Test views, a divisor of 360. Fewer leave sides of the object unjudged."""
 
@@ -61,7 +63,7 @@ class Protocol:
         return orbit_camera(azimuth_deg, elevation_deg, DISTANCE, FOVY_DEG, self.resolution, self.resolution)
 
 
-QUICK = Protocol(samples=8, views=4)
+QUICK = Protocol(samples=8, asset_samples=8, views=4)
 """Of `--quick`."""
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from .bars import Reader, mean
 from .geometry import MEASURES
 from .image_scores import best_constant, constant_score
-from .measure import BLEND, HULL, MAPS, OURS, SCALED, ObjectResult, SystemResult
+from .measure import BLEND, HULL, MAPS, ONE_VIEW, OURS, SCALED, ObjectResult, SystemResult
 from .results import markdown_table
 
 TRAINING_MEAN = {"roughness": 0.44, "metallic": 0.18}
@@ -36,14 +36,15 @@ def objects_table(results: Sequence[ObjectResult]) -> str:
         ours, hull = result.systems[OURS], result.systems[HULL]
         row: list[Any] = [result.name, result.kind]
         for name in MEASURES:
-            row += [_digits(getattr(g, name), "F") for g in (ours.geometry, hull.geometry, result.ceiling)]
+            shapes = (ours.geometry or ours.aligned, hull.geometry, result.ceiling)
+            row += [_digits(getattr(shape, name), "F") for shape in shapes]
         row.append(_digits(ours.overlap, "IoU"))
         row += [_digits(ours.maps[name].psnr_in if name in ours.maps else None, "in") for name in MAPS]
-        row.append(_digits(result.systems[BLEND].maps["albedo"].psnr_in, "in"))
-        one = result.systems.get("one view")
+        blend, one = result.systems.get(BLEND), result.systems.get(ONE_VIEW)
+        row.append(_digits(blend.maps["albedo"].psnr_in if blend else None, "in"))
         row.append(_digits(one.geometry.f_coarse if one else None, "F"))
-        rows.append([*row, _digits(sum(result.seconds.values()), "in")])
-    return markdown_table(header, rows)
+        rows.append([*row, _digits(sum(result.seconds.values()) or None, "in")])
+    return markdown_table(*_without_empty(header, rows))
 
 
 def verdicts(results: Sequence[ObjectResult]) -> str:

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from arm_blender.graphics.color import composite, srgb_from_linear
 
-from .contact_sheet import TILE, normal_picture, tiled
+from .contact_sheet import normal_picture, tiled
 from .measure import HULL, MAPS, OURS, Shown
 from .truth import Appearance
 

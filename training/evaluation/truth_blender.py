@@ -82,7 +82,7 @@ def _render(entry: EvaluationEntry, first: Path, other: Path, folder: Path, prot
         make_opaque(material)
         if not entry.has_material:
             _set_unmeasured(material)
-    prepare_render(protocol)
+    prepare_render(protocol.resolution, protocol.samples)
     light(first)
     inputs = render_pictures(protocol.inputs())
     tests = (*protocol.tests(), protocol.front())
@@ -101,9 +101,9 @@ def _render(entry: EvaluationEntry, first: Path, other: Path, folder: Path, prot
     save_arrays(folder / ARRAYS, arrays)
 
 
-def prepare_render(protocol: Protocol) -> None:
+def prepare_render(resolution: int, samples: int) -> None:
     """Cycles and the passes of the open scene."""
-    configure_cycles(RenderConfig(protocol.resolution, protocol.samples))
+    configure_cycles(RenderConfig(resolution, samples))
     add_aovs()
 
 
