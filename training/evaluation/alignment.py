@@ -29,8 +29,9 @@ class AlignmentConfig:
     """Candidates that ICP goes on with. One alone may lie in the wrong basin."""
     rounds: int = 30
     """Of ICP."""
-    noise: float = 2e-3
-    """World units of Chamfer distance by which a candidate has to win: less than this is the sampling."""
+    noise: float = 0.1
+    """By how much a candidate has to win, as a share of the Chamfer distance of two samples of the truth: ICP fits
+    samples a little better than their surfaces, and a ball would turn to where it does."""
 
 
 def align(
@@ -50,6 +51,8 @@ def align(
         for mesh, motion in ((predicted, to_unit), (truth, truth_to_unit))
     )
     tree = cKDTree(target)
+    again = _moved(sample_surface(truth.vertices, truth.faces, config.points, generator)[0].numpy(), truth_to_unit)
+    margin = config.noise * _distance(again, target, tree)
     candidates = [(_distance(_moved(source, pose), target, tree), pose) for pose in poses(config.scales)]
     # The pose as it is always goes on; the sort is stable, so that among equals the first of the list wins.
     order = [candidates[0], *sorted(candidates[1:], key=lambda candidate: candidate[0])]
@@ -57,7 +60,7 @@ def align(
     for _, pose in order[: config.refined]:
         refined = _icp(source, target, tree, pose, config)
         distance = _distance(_moved(source, refined), target, tree)
-        if distance < best - config.noise:
+        if distance < best - margin:
             best, chosen = distance, refined
     return torch.from_numpy(np.linalg.inv(truth_to_unit) @ chosen @ to_unit).float()
 
