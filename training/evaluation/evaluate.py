@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     """Measure every object, and write `results.md`, `results.json` and the sheets."""
     if args.views is not None:
         return shape_table.run(args)
-    protocol = QUICK if args.quick else Protocol(args.resolution, args.samples, args.test_views)
+    protocol = QUICK if args.quick else Protocol(args.resolution, args.samples, views=args.test_views)
     entries, trial = _entries(args), _trial(args, protocol)
     check_output(args.output)
     args.output.mkdir(parents=True, exist_ok=True)
