@@ -17,7 +17,7 @@ from arm_blender.errors import ArmError
 COMMANDS = {
     "render": ("training.datasets.render_blender", "render objects into shards, or into evaluation views"),
     "prepare": ("training.datasets.occupancy", "sample signed distances to the rendered objects"),
-    "evaluate": ("training.evaluation.evaluate", "measure geometry against the truth and the visual hull"),
+    "evaluate": ("training.evaluation.evaluate", "measure shape, colours, materials and relighting against the truth"),
     "sweep": ("training.evaluation.sweep", "error against run time, each knob in turn"),
     "quality-levels": ("training.evaluation.quality_levels", "hand the sweep's levels on to Blender's panel"),
     "stability": ("training.evaluation.stability", "measure the pipeline's parts on extreme inputs"),

@@ -118,12 +118,14 @@ def test_what_breaks_while_the_truth_is_rendered_leaves_nothing_and_is_made_up_f
 def test_the_meshes_of_another_system_are_scored_by_the_same_rules(data, capsys):
     """The truth's own file is the other system."""
     words = ["--data", str(data), "--cache", str(data / "cache"), "--output", str(data / "out"), *WORDS]
-    assert main(["evaluate", *words, "--meshes", str(data)]) == 0
+    picture = ["--picture", str(data / "docs" / "front.jpg"), "--picture-of", "ring"]
+    assert main(["evaluate", *words, "--meshes", str(data), *picture]) == 0
     (item,) = json.loads((data / "out" / "results.json").read_text())["objects"]
     ours, hull = item["systems"]["ours"], item["systems"]["hull"]
     assert ours["geometry"]["f_coarse"] == ours["aligned"]["f_coarse"] == 1.0
     assert ours["geometry"]["chamfer"] < 0.02 < hull["geometry"]["chamfer"]
     assert min(ours["maps"][name]["psnr_in"] for name in ("albedo", "roughness", "metallic")) > 45.0
     assert min(ours["maps"][name]["psnr_in"] for name in ("lit", "relit")) > 45.0
-    assert (data / "out" / "ring.jpg").stat().st_size > 0
+    pictures = ("out/ring.jpg", "out/large/ring.jpg", "out/worst-1.jpg", "docs/front.jpg")
+    assert all((data / name).stat().st_size > 0 for name in pictures)
     assert "PBR set relit PSNR in" in capsys.readouterr().out

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -14,9 +15,11 @@ from training.evaluation.geometry import FAILED, GeometryScores
 from training.evaluation.image_scores import MISSED, ImageScores, ViewMoments
 from training.evaluation.measure import BLEND, HULL, ONE_VIEW, OURS, ObjectResult, SystemResult
 from training.evaluation.other_system import mesh_of
+from training.evaluation.output import write_tables
 from training.evaluation.protocol import EvaluationEntry, Protocol
 from training.evaluation.report_text import as_json, means_table, objects_table, verdicts
-from training.evaluation.trial import TrialSettings
+from training.evaluation.resume import kept_results
+from training.evaluation.trial import Trial, TrialSettings
 
 MAPS = ("albedo", "roughness", "metallic", "lit", "relit", "albedo scaled")
 
@@ -157,3 +160,17 @@ def test_words_that_do_not_do_are_one_line(tmp_path, capsys, words, named):
     (tmp_path / "manifest.json").write_text(json.dumps({"objects": objects}))
     assert main(["evaluate", "--data", str(tmp_path), "--output", str(tmp_path / "out"), *words]) == 1
     assert named in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+def test_a_run_goes_on_with_what_is_of_the_same_trial(tmp_path):
+    lost = result("lost", 0.2, 0.5)
+    lost.systems[OURS] = SystemResult(FAILED, None, 0.0, {"lit": MISSED})
+    results = [result("a", 0.9, 0.5), result("b", 0.8, 0.5, "gso"), lost]
+    trial = Trial(TrialSettings(), Protocol())
+    assert kept_results(tmp_path, trial) == {}
+    write_tables(tmp_path, results, Cost(math.nan, 2.0, 10.0), trial, "python -m training evaluate")
+    assert kept_results(tmp_path, trial) == {item.name: item for item in results}
+    for other in (replace(trial, seed=1), replace(trial, settings=TrialSettings(quality="draft"))):
+        assert kept_results(tmp_path, other) == {}
+    (tmp_path / "results.json").write_text("{}")
+    assert kept_results(tmp_path, trial) == {}

@@ -29,7 +29,7 @@ def evaluation_entries(data: Path | None, dataset: str, split: str, sets: list[s
     """
     if dataset == "manifest":
         entries = [
-            EvaluationEntry(o["id"], data / o["main"], o["set"], attribution=f"{o['attribution']} ({o['licence']})")
+            EvaluationEntry(o["id"], data / o["main"], o["set"])
             for o in read_manifest(data)["objects"]
             if o["split"] == split and (not sets or o["set"] in sets)
         ]

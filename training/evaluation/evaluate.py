@@ -28,17 +28,17 @@ from .entries import DATASETS, evaluation_entries, spread
 from .measure import ONE_VIEW, OURS, ObjectResult, measure
 from .objects import EvaluationObject
 from .other_system import measure_file, mesh_of
-from .output import Sheets, front_text, write_tables
+from .output import card_text, front_text, write_tables
 from .protocol import QUICK, EvaluationEntry, Protocol
 from .results import fill_block
-from .trial import Trial, add_object_arguments, add_trial_arguments, other_settings, trial_settings
+from .resume import kept_results
+from .sheets import Sheets
+from .trial import NETWORKS, Trial, add_object_arguments, add_trial_arguments, other_settings, trial_settings
 from .truth import is_whole, read_truth
 
 logger = logging.getLogger(__name__)
 
 QUICK_OBJECTS, QUICK_POINTS = 6, 30_000
-
-NETWORKS = ("georm", "glossyrm", "instant_albedo")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -51,9 +51,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--update-readme", type=Path, nargs="?", const=Path("README.md"), help="fill the document's block of results"
     )
+    parser.add_argument(
+        "--update-card", type=Path, nargs="?", const=Path("arm_blender/weights/README.md"), help="fill the model card"
+    )
     parser.add_argument("--dataset", default="manifest", choices=DATASETS, help="how the data folder is laid out")
     parser.add_argument("--meshes", type=Path, metavar="DIR", help="another system's <id>.glb instead of ours")
     parser.add_argument("--aligned", action="store_true", help="those lie in no known frame")
+    parser.add_argument("--resume", action="store_true", help="keep what the output's results.json has of this trial")
     parser.add_argument("--ids", nargs="*", help="only these objects")
     parser.add_argument("--cache", type=Path, default=Path("out/evaluation-truth"), help="rendered truth, kept")
     parser.add_argument("--resolution", type=int, default=Protocol.resolution, help="pixels a side of every view")
@@ -64,8 +68,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-single", action="store_true", help="six views only, not the one view")
     parser.add_argument("--lpips", type=Path, metavar="FILE", help="weights of LPIPS, Alex for the paper's numbers")
     parser.add_argument("--multiview-model", type=Path, metavar="DIR", help="Zero123++'s weights: a row for its views")
-    parser.add_argument("--picture", type=Path, metavar="FILE", help="a picture of the objects of --picture-of")
-    parser.add_argument("--picture-of", nargs="*", default=(), metavar="ID")
+    parser.add_argument("--picture", type=Path, metavar="FILE", help="a picture for a front page, a row for each ...")
+    parser.add_argument("--picture-of", nargs="*", default=(), metavar="ID", help="... of these objects")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -79,8 +83,12 @@ def run(args: argparse.Namespace) -> int:
     cache = args.cache / protocol.folder
     _render_truth(entries, cache, args, protocol)
     cold = float("nan") if args.meshes else _cold_seconds(cache / entries[0].name, trial)
-    results, sheets = [], Sheets(args.output, args.picture_of)
+    known = kept_results(args.output, trial) if args.resume else {}
+    results, sheets = [], None if args.no_sheets else Sheets(args.output)
     for index, entry in enumerate(entries):
+        if entry.name in known:
+            results.append(known[entry.name])
+            continue
         item = EvaluationObject(entry.name, cache / entry.name)
         truth = read_truth(item, args.data)
         if args.meshes:
@@ -90,13 +98,18 @@ def run(args: argparse.Namespace) -> int:
             result, shown = measure(entry, item, truth, _with_provider(trial, entry, args))
         results.append(result)
         logger.info("%d of %d, %s", index + 1, len(entries), _summary(result))
-        if not args.no_sheets:
-            sheets.add(result, shown)
+        if sheets is not None:
+            sheets.add(entry.name, shown)
         # After every object: what ends the run leaves a table that says of how many it is.
         write_tables(args.output, results, _cost(cold, results, trial), trial, args.command)
-    sheets.finish(args.picture)
+    if sheets is not None:
+        sheets.finish(results)
+        if args.picture is not None:
+            sheets.front(args.picture_of, args.picture)
     if args.update_readme is not None:
         fill_block(args.update_readme, "results", front_text(results, _cost(cold, results, trial), trial, args.command))
+    if args.update_card is not None:
+        fill_block(args.update_card, "measured", card_text(results, trial, args.command))
     print((args.output / "results.md").read_text(encoding="utf-8"))
     return 0
 

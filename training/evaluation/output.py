@@ -1,50 +1,20 @@
-"""What an evaluation leaves in its folder: tables as Markdown and JSON, a sheet per object, the worst ones large."""
+"""The documents that an evaluation leaves: tables as Markdown and JSON, and blocks of other documents."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
-from arm_blender.files import whole_file, write_json
+from arm_blender.checkpoints import sha256
+from arm_blender.files import write_json
 
 from .bars import Cost, bars_table
-from .measure import OURS, ObjectResult, Shown
+from .measure import ObjectResult
 from .report_text import as_json, finite, means_table, objects_table, verdicts
 from .results import paragraphs, write_text
-from .sheets import front_sheet, large_sheet, object_sheet
-from .trial import Trial
+from .trial import NETWORKS, Trial, TrialSettings
 
-WORST = 3
-
-
-class Sheets:
-    """Pictures on their way to the folder; only those of the worst objects and of the front page are kept meanwhile."""
-
-    def __init__(self, folder: Path, front: Sequence[str]) -> None:
-        """`front` names the objects of the front page."""
-        self.folder, self.names = folder, front
-        self.worst: list[tuple[float, str, Shown]] = []
-        self.front: list[Shown] = []
-
-    def add(self, result: ObjectResult, shown: Shown) -> None:
-        """The sheet of one object, at once."""
-        _save(self.folder / f"{result.name}.jpg", object_sheet(shown))
-        self.worst = sorted([*self.worst, (quality(result), result.name, shown)], key=lambda one: one[:2])[:WORST]
-        if result.name in self.names:
-            self.front.append(shown)
-
-    def finish(self, picture: Path | None) -> None:
-        """The worst objects in full, and the front page's picture."""
-        for place, (_, name, shown) in enumerate(self.worst, start=1):
-            _save(self.folder / f"worst-{place}-{name}.jpg", large_sheet(shown))
-        if picture is not None and self.front:
-            picture.parent.mkdir(parents=True, exist_ok=True)
-            _save(picture, front_sheet(self.front))
-
-
-def quality(result: ObjectResult) -> float:
-    """What objects are ranked by: dB of relighting inside of the object, or of albedo where nothing was lit."""
-    maps = result.systems[OURS].maps
-    return maps["relit" if "relit" in maps else "albedo"].psnr_in
+RESULTS = "results.json"
 
 
 def write_tables(folder: Path, results: Sequence[ObjectResult], cost: Cost, trial: Trial, command: str) -> None:
@@ -56,20 +26,27 @@ def write_tables(folder: Path, results: Sequence[ObjectResult], cost: Cost, tria
     ]
     front = front_text(results, cost, trial, command)
     write_text(folder / "results.md", paragraphs("# Evaluation", front, *sets, "## Objects", objects_table(results)))
-    settings = {
-        name: str(value) if isinstance(value, Path) else value for name, value in asdict(trial.settings).items()
-    }
-    record = {
-        "command": command,
-        "setting": setting_text(results, trial),
-        "settings": settings,
+    record = {"command": command, "setting": setting_text(results, trial), "trial": trial_record(trial)}
+    write_json(folder / RESULTS, record | {"cost": finite(asdict(cost)), "objects": as_json(results)})
+
+
+def trial_record(trial: Trial) -> dict[str, Any]:
+    """What the numbers depend on, for JSON: the settings with the hash of their weights, and the protocol."""
+
+    def described(settings: TrialSettings) -> dict[str, Any]:
+        values = {name: value for name, value in asdict(settings).items() if name != "weights_folder"}
+        return values | {"weights": {name: sha256(settings.weights(name)) for name in NETWORKS}}
+
+    return {
+        "settings": described(trial.settings),
+        "others": {name: described(settings) for name, settings in trial.others.items()},
         "protocol": asdict(trial.protocol),
         "points": trial.points,
         "seed": trial.seed,
-        "cost": finite(asdict(cost)),
-        "objects": as_json(results),
+        "cycles": trial.cycles,
+        "one view": trial.one_view,
+        "lpips": trial.perceptual is not None,
     }
-    write_json(folder / "results.json", record)
 
 
 def front_text(results: Sequence[ObjectResult], cost: Cost, trial: Trial, command: str) -> str:
@@ -77,6 +54,15 @@ def front_text(results: Sequence[ObjectResult], cost: Cost, trial: Trial, comman
     return paragraphs(
         setting_text(results, trial), bars_table(results, cost), verdicts(results), f"Made by `{command}`."
     )
+
+
+def card_text(results: Sequence[ObjectResult], trial: Trial, command: str) -> str:
+    """What the shipped networks reach, set by set: Markdown for their model card."""
+    parts = [setting_text(results, trial)]
+    for kind in sorted({result.kind for result in results}):
+        parts += [f"Means over the set `{kind}`; PSNR in dB, inside of the object and over the whole picture:"]
+        parts += [means_table(results, kind)]
+    return paragraphs(*parts, verdicts(results), f"Made by `{command}`.")
 
 
 def setting_text(results: Sequence[ObjectResult], trial: Trial) -> str:
@@ -89,8 +75,3 @@ def setting_text(results: Sequence[ObjectResult], trial: Trial) -> str:
     else:
         text += "nothing lit, "
     return f"{text}{trial.points:,} points on each surface."
-
-
-def _save(path: Path, picture) -> None:
-    with whole_file(path) as temporary:
-        picture.save(temporary, quality=88)

@@ -76,14 +76,12 @@ class EvaluationEntry:
         path: GLB, glTF or OBJ.
         kind: set of the manifest that it belongs to, such as "pbr" or "gso".
         picture: what a single-picture method is given instead of a render; None for a render.
-        attribution: whom a picture of it credits, and its licence.
     """
 
     name: str
     path: Path
     kind: str
     picture: Path | None = None
-    attribution: str = ""
 
     @property
     def has_material(self) -> bool:

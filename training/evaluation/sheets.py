@@ -1,17 +1,73 @@
 """Pictures of an evaluated object: input, prediction and truth side by side, every map, two lights."""
 
+import shutil
 from collections.abc import Sequence
+from pathlib import Path
 
 from PIL import Image
 from torch import Tensor
 
+from arm_blender.errors import ArmError
+from arm_blender.files import whole_file
 from arm_blender.graphics.color import composite, srgb_from_linear
 
 from .contact_sheet import normal_picture, tiled
-from .measure import HULL, MAPS, OURS, Shown
+from .measure import HULL, MAPS, OURS, ObjectResult, Shown
 from .truth import Appearance
 
+LARGE, ROWS = "large", "rows"
+"""Folders of every object's pictures in full, and of its row on a front page."""
+
+WORST = 3
+"""Large pictures that are copied to where one sees them first."""
+
 Cell = tuple[str, Tensor | None]
+
+
+class Sheets:
+    """Pictures on their way to a folder: `<id>.jpg`, `large/<id>.jpg`, and `rows/<id>.png` for a front page."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        for part in (LARGE, ROWS):
+            (folder / part).mkdir(parents=True, exist_ok=True)
+
+    def add(self, name: str, shown: Shown) -> None:
+        """The pictures of one object, at once."""
+        _save(self.folder / f"{name}.jpg", object_sheet(shown))
+        _save(self.folder / LARGE / f"{name}.jpg", large_sheet(shown))
+        _save(self.folder / ROWS / f"{name}.png", front_row(shown))
+
+    def finish(self, results: Sequence[ObjectResult]) -> None:
+        """Copies of the worst objects' large sheets."""
+        for place, result in enumerate(sorted(results, key=lambda r: (quality(r), r.name))[:WORST], start=1):
+            large = self.folder / LARGE / f"{result.name}.jpg"
+            if large.is_file():
+                shutil.copyfile(large, self.folder / f"worst-{place}.jpg")
+
+    def front(self, names: Sequence[str], picture: Path) -> None:
+        """The rows of some objects, one below the other.
+
+        Raises:
+            ArmError: there is no row of an object.
+        """
+        missing = [name for name in names if not (self.folder / ROWS / f"{name}.png").is_file()]
+        if missing or not names:
+            raise ArmError(
+                f"--picture-of: no row of {', '.join(missing) or 'any object'}; evaluate what is named there"
+            )
+        rows = [Image.open(self.folder / ROWS / f"{name}.png").convert("RGB") for name in names]
+        whole = Image.new("RGB", (rows[0].width, sum(row.height for row in rows)), "white")
+        for place, row in enumerate(rows):
+            whole.paste(row, (0, sum(above.height for above in rows[:place])))
+        picture.parent.mkdir(parents=True, exist_ok=True)
+        _save(picture, whole)
+
+
+def quality(result: ObjectResult) -> float:
+    """What objects are ranked by: dB of relighting inside of the object, or of albedo where nothing was lit."""
+    maps = result.systems[OURS].maps
+    return maps["relit" if "relit" in maps else "albedo"].psnr_in
 
 
 def object_sheet(shown: Shown) -> Image.Image:
@@ -32,18 +88,13 @@ def large_sheet(shown: Shown) -> Image.Image:
     return tiled(rows, len(MAPS) + 1, tests.cameras[0].width)
 
 
-def front_sheet(shown: Sequence[Shown], view: int = 0, tile: int = 128) -> Image.Image:
-    """A row per object for the front page: one input, then truth beside ours for every map."""
-    rows: list[list[Cell]] = []
-    for item in shown:
-        row: list[Cell] = [("one of six inputs", _inputs(item)[0])]
-        for name in MAPS:
-            row += [
-                (f"{name}, {who}", _picture(found, name, view))
-                for who, found in (("truth", item.truth.tests), (OURS, item.pictures.get(OURS)))
-            ]
-        rows.append(row)
-    return tiled(rows, 1 + 2 * len(MAPS), tile)
+def front_row(shown: Shown, view: int = 0, tile: int = 128) -> Image.Image:
+    """One input, then truth beside ours for every map."""
+    row: list[Cell] = [("one of six inputs", _inputs(shown)[0])]
+    for name in MAPS:
+        for who, found in (("truth", shown.truth.tests), (OURS, shown.pictures.get(OURS))):
+            row.append((f"{name}, {who}", _picture(found, name, view)))
+    return tiled([row], len(row), tile)
 
 
 def _rows(shown: Shown, view: int, systems: Sequence[str]) -> list[list[Cell]]:
@@ -70,3 +121,8 @@ def _inputs(shown: Shown) -> Tensor:
     """(V, 3, N, N) sRGB on white, at most six."""
     images = shown.views.images[:6]
     return composite(srgb_from_linear(images[:, :3]), images[:, 3:], 1.0)
+
+
+def _save(path: Path, picture: Image.Image) -> None:
+    with whole_file(path) as temporary:
+        picture.save(temporary, quality=88)

@@ -12,6 +12,9 @@ from ..losses import Perceptual
 from .geometry import SAMPLES
 from .protocol import Protocol
 
+NETWORKS = ("georm", "glossyrm", "instant_albedo")
+"""Whose weights a trial takes."""
+
 
 @dataclass(frozen=True)
 class TrialSettings(Settings):
@@ -83,9 +86,8 @@ def trial_settings(args: argparse.Namespace, weights: Path | None = None) -> Tri
     settings = TrialSettings(
         args.preset, args.quality, grid=args.grid, faces=args.faces, device=args.device, weights_folder=folder
     )
-    networks = ("georm", "glossyrm", "instant_albedo")
-    if folder is not None and not any(settings.weights(name).parent == folder for name in networks):
-        names = ", ".join(TrialSettings(args.preset).weights(name).name for name in networks)
+    if folder is not None and not any(settings.weights(name).parent == folder for name in NETWORKS):
+        names = ", ".join(TrialSettings(args.preset).weights(name).name for name in NETWORKS)
         raise ArmError(f"{folder}: holds none of {names}; name the trained files so")
     return settings
 
