@@ -72,7 +72,8 @@ class Cost:
     """What a user pays.
 
     Attributes:
-        cold: seconds from starting the program on six views to its last file. warm: of the pipeline alone, a mean.
+        cold: seconds from starting the program on six views to its last file.
+        warm: seconds from the files of the views to the asset, once everything has been loaded.
         weights: MiB of the networks' files.
     """
 

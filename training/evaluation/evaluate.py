@@ -6,13 +6,8 @@ as the truth was, and one table says where they stand. With `--views` the shapes
 
 import argparse
 import logging
-import subprocess
-import sys
-import tempfile
-import time
 import zlib
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from arm_blender.errors import ArmError
@@ -23,17 +18,17 @@ from arm_blender.views.zero123plus.sampling import Zero123PlusConfig
 from ..datasets.manifest import read_manifest
 from ..lpips import Lpips
 from . import shape_table
-from .bars import Cost
+from .cost import measured_cost
 from .entries import DATASETS, evaluation_entries, spread
 from .measure import ONE_VIEW, OURS, ObjectResult, measure
 from .objects import EvaluationObject
-from .other_system import measure_file, mesh_of
+from .other_system import measure_file
 from .output import card_text, front_text, write_tables
 from .protocol import QUICK, EvaluationEntry, Protocol
 from .results import fill_block
 from .resume import kept_results
 from .sheets import Sheets
-from .trial import NETWORKS, Trial, add_object_arguments, add_trial_arguments, other_settings, trial_settings
+from .trial import Trial, add_object_arguments, add_trial_arguments, other_settings, trial_settings
 from .truth import is_whole, read_truth
 
 logger = logging.getLogger(__name__)
@@ -82,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     args.output.mkdir(parents=True, exist_ok=True)
     cache = args.cache / protocol.folder
     _render_truth(entries, cache, args, protocol)
-    cold = float("nan") if args.meshes else _cold_seconds(cache / entries[0].name, trial)
+    cost = None if args.meshes else measured_cost(cache / entries[0].name, trial)
     known = kept_results(args.output, trial) if args.resume else {}
     results, sheets = [], None if args.no_sheets else Sheets(args.output)
     for index, entry in enumerate(entries):
@@ -91,23 +86,20 @@ def run(args: argparse.Namespace) -> int:
             continue
         item = EvaluationObject(entry.name, cache / entry.name)
         truth = read_truth(item, args.data)
-        if args.meshes:
-            path = mesh_of(args.meshes, entry.name)
-            result, shown = measure_file(entry, item, truth, trial, path, not args.aligned)
-        else:
-            result, shown = measure(entry, item, truth, _with_provider(trial, entry, args))
+        result, shown = (measure if trial.meshes is None else measure_file)(entry, item, truth, trial)
         results.append(result)
         logger.info("%d of %d, %s", index + 1, len(entries), _summary(result))
         if sheets is not None:
             sheets.add(entry.name, shown)
         # After every object: what ends the run leaves a table that says of how many it is.
-        write_tables(args.output, results, _cost(cold, results, trial), trial, args.command)
+        write_tables(args.output, results, cost, trial, args.command)
+    write_tables(args.output, results, cost, trial, args.command)
     if sheets is not None:
         sheets.finish(results)
         if args.picture is not None:
             sheets.front(args.picture_of, args.picture)
     if args.update_readme is not None:
-        fill_block(args.update_readme, "results", front_text(results, _cost(cold, results, trial), trial, args.command))
+        fill_block(args.update_readme, "results", front_text(results, cost, trial, args.command))
     if args.update_card is not None:
         fill_block(args.update_card, "measured", card_text(results, trial, args.command))
     print((args.output / "results.md").read_text(encoding="utf-8"))
@@ -116,6 +108,11 @@ def run(args: argparse.Namespace) -> int:
 
 def _trial(args: argparse.Namespace, protocol: Protocol) -> Trial:
     """What the words ask to try."""
+
+    def provider(name: str) -> ViewOptions:
+        drawing = Zero123PlusConfig(args.multiview_model, args.output / "views" / name, device=args.device)
+        return ViewOptions(multiview="zero123plus", zero123plus=drawing)
+
     return Trial(
         trial_settings(args),
         protocol,
@@ -125,6 +122,9 @@ def _trial(args: argparse.Namespace, protocol: Protocol) -> Trial:
         one_view=not args.no_single,
         perceptual=None if args.lpips is None else Lpips.from_file(args.lpips),
         others=other_settings(args),
+        provider=None if args.multiview_model is None else provider,
+        meshes=args.meshes,
+        own_frame=not args.aligned,
     )
 
 
@@ -157,40 +157,6 @@ def _render_truth(
     hdris = read_manifest(args.data)["hdris"] if args.dataset == "manifest" else []
     lights = {split: [args.data / h["files"][0] for h in hdris if h["split"] == split] for split in ("train", "eval")}
     render_missing(entries, cache, args.data, environments(lights), protocol)
-
-
-def _with_provider(trial: Trial, entry: EvaluationEntry, args: argparse.Namespace) -> Trial:
-    """The trial with a provider of views for this object, where its weights are named."""
-    if args.multiview_model is None:
-        return trial
-    drawing = Zero123PlusConfig(args.multiview_model, args.output / "views" / entry.name, device=args.device)
-    return replace(trial, provider=ViewOptions(multiview="zero123plus", zero123plus=drawing))
-
-
-def _cold_seconds(views: Path, trial: Trial) -> float:
-    """Seconds of the program on the six views in a folder, from its start to its last file; NaN where it fails."""
-    settings = trial.settings
-    with tempfile.TemporaryDirectory() as folder:
-        words = [str(views), "--output", folder, "--preset", settings.preset, "--quality", settings.quality]
-        start = time.perf_counter()
-        done = subprocess.run(
-            [sys.executable, "-m", "arm_blender", "generate", *words, "--device", settings.device],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-    if done.returncode != 0:
-        logger.warning("%s: not timed (%s)", views, done.stderr.strip().rpartition("\n")[2])
-        return float("nan")
-    return time.perf_counter() - start
-
-
-def _cost(cold: float, results: Sequence[ObjectResult], trial: Trial) -> Cost:
-    """What a user pays; the seconds of the first object are left out, for it loads the weights."""
-    seconds = [sum(result.seconds.values()) for result in results if result.seconds]
-    warm = seconds[1:] or seconds or [float("nan")]
-    size = sum(trial.settings.weights(name).stat().st_size for name in NETWORKS)
-    return Cost(cold, sum(warm) / len(warm), size / 2**20)
 
 
 def _summary(result: ObjectResult) -> str:

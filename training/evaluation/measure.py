@@ -196,7 +196,7 @@ def _single_views(
         shown.pictures[ONE_VIEW], shown.shapes[ONE_VIEW] = found, _shape(asset.mesh)
     systems[PICTURE] = _unposed(PICTURE, picture, ViewOptions(), entry, shown, trial)
     if trial.provider is not None:
-        systems[PROVIDER] = _unposed(PROVIDER, picture, trial.provider, entry, shown, trial)
+        systems[PROVIDER] = _unposed(PROVIDER, picture, trial.provider(entry.name), entry, shown, trial)
     return systems
 
 

@@ -35,17 +35,14 @@ def mesh_of(folder: Path, name: str) -> Path:
 
 
 def measure_file(
-    entry: EvaluationEntry, item: EvaluationObject, truth: Truth, trial: Trial, path: Path, own_frame: bool
+    entry: EvaluationEntry, item: EvaluationObject, truth: Truth, trial: Trial
 ) -> tuple[ObjectResult, Shown]:
-    """One mesh in the place of ours, beside the hull.
+    """The other system's mesh of an object in the place of ours, beside the hull.
 
-    Args:
-        path: GLB, glTF or OBJ.
-        own_frame: whether it lies in the cameras' frame; otherwise it is shown as the paper's alignment leaves it, and
-            has no scores without that.
     Raises:
-        ArmError: the file does not do.
+        ArmError: there is no one file, or it does not do.
     """
+    path = mesh_of(trial.meshes, entry.name)
     shown = Shown(item.views(), truth, {}, {"truth": item.truth()})
     surface = shown.shapes["truth"]
     mesh = read_mesh(path)
@@ -54,13 +51,13 @@ def measure_file(
     aligned = compare(shape.moved(moved_by(motion)), surface, trial.points, trial.seed)
     from .asset_render_blender import file_appearance
 
-    place = torch.eye(4) if own_frame else motion
+    place = torch.eye(4) if trial.own_frame else motion
     lights = truth.input_light, truth.other_light
     found = file_appearance(path, place, truth.tests.cameras, lights, trial.protocol)
     shown.shapes[OURS], shown.pictures[OURS] = shape.moved(moved_by(place)), found
     ours = replace(
         score_pictures(found, truth.tests, entry, trial),
-        geometry=compare(shape, surface, trial.points, trial.seed) if own_frame else None,
+        geometry=compare(shape, surface, trial.points, trial.seed) if trial.own_frame else None,
         aligned=aligned,
     )
     measured = {}

@@ -17,7 +17,7 @@ from .trial import NETWORKS, Trial, TrialSettings
 RESULTS = "results.json"
 
 
-def write_tables(folder: Path, results: Sequence[ObjectResult], cost: Cost, trial: Trial, command: str) -> None:
+def write_tables(folder: Path, results: Sequence[ObjectResult], cost: Cost | None, trial: Trial, command: str) -> None:
     """`results.md` and `results.json`."""
     sets = [
         part
@@ -27,7 +27,7 @@ def write_tables(folder: Path, results: Sequence[ObjectResult], cost: Cost, tria
     front = front_text(results, cost, trial, command)
     write_text(folder / "results.md", paragraphs("# Evaluation", front, *sets, "## Objects", objects_table(results)))
     record = {"command": command, "setting": setting_text(results, trial), "trial": trial_record(trial)}
-    write_json(folder / RESULTS, record | {"cost": finite(asdict(cost)), "objects": as_json(results)})
+    write_json(folder / RESULTS, record | {"cost": finite(asdict(cost)) if cost else None, "objects": as_json(results)})
 
 
 def trial_record(trial: Trial) -> dict[str, Any]:
@@ -46,10 +46,12 @@ def trial_record(trial: Trial) -> dict[str, Any]:
         "cycles": trial.cycles,
         "one view": trial.one_view,
         "lpips": trial.perceptual is not None,
+        "provider": trial.provider is not None,
+        "meshes": None if trial.meshes is None else [str(trial.meshes), trial.own_frame],
     }
 
 
-def front_text(results: Sequence[ObjectResult], cost: Cost, trial: Trial, command: str) -> str:
+def front_text(results: Sequence[ObjectResult], cost: Cost | None, trial: Trial, command: str) -> str:
     """The bars' table, and what does not beat its baseline: Markdown for a front page."""
     return paragraphs(
         setting_text(results, trial), bars_table(results, cost), verdicts(results), f"Made by `{command}`."

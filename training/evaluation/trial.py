@@ -1,6 +1,7 @@
 """What is tried: settings of the pipeline with weights from anywhere, and the words that choose them."""
 
 import argparse
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -49,8 +50,12 @@ class Trial:
     """LPIPS, where its weights are at hand."""
     others: dict[str, TrialSettings] = field(default_factory=dict)
     """Further weights by the names of their rows, for ablations."""
-    provider: ViewOptions | None = None
-    """Draws six views of the one picture; None tries none."""
+    provider: Callable[[str], ViewOptions] | None = None
+    """How six views of an object's one picture are drawn, by its name; None tries none."""
+    meshes: Path | None = None
+    """Folder of another system's meshes, which are measured in the place of ours."""
+    own_frame: bool = True
+    """Whether those lie in the cameras' frame; otherwise they are shown as the paper's alignment leaves them."""
 
 
 def add_object_arguments(parser: argparse.ArgumentParser, required: bool = True) -> None:
