@@ -157,7 +157,7 @@ def _score_asset(
     result = score_pictures(found, tests, entry, trial)
     if name == BLEND:
         return result  # Its shape is ours.
-    motion = moved_by(align(shown.shapes[name], surface, trial.seed))
+    motion = moved_by(align(shown.shapes[name], surface, trial.seed, trial.alignment))
     return replace(
         result,
         geometry=compare(shown.shapes[name], surface, trial.points, trial.seed),
@@ -212,7 +212,9 @@ def _unposed(
     if asset is None:
         return replace(_failed(shown.truth, entry), geometry=None)
     surface, tests = shown.shapes["truth"], shown.truth.tests
-    moved = replace(asset, mesh=asset.mesh.moved(moved_by(align(_shape(asset.mesh), surface, trial.seed))))
+    moved = replace(
+        asset, mesh=asset.mesh.moved(moved_by(align(_shape(asset.mesh), surface, trial.seed, trial.alignment)))
+    )
     shown.pictures[name], shown.shapes[name] = map_pictures(moved, tests.cameras), _shape(moved.mesh)
     scores = compare(moved.mesh, surface, trial.points, trial.seed)
     return replace(score_pictures(shown.pictures[name], tests, entry, trial), aligned=scores)

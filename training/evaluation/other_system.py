@@ -47,7 +47,7 @@ def measure_file(
     surface = shown.shapes["truth"]
     mesh = read_mesh(path)
     shape = TriangleMesh(mesh.vertices, mesh.faces)
-    motion = align(shape, surface, trial.seed)
+    motion = align(shape, surface, trial.seed, trial.alignment)
     aligned = compare(shape.moved(moved_by(motion)), surface, trial.points, trial.seed)
     from .asset_render_blender import file_appearance
 

@@ -10,6 +10,7 @@ from arm_blender.errors import ArmError
 from arm_blender.views import ViewOptions
 
 from ..losses import Perceptual
+from .alignment import AlignmentConfig
 from .geometry import SAMPLES
 from .protocol import Protocol
 
@@ -42,6 +43,8 @@ class Trial:
     """Of the points compared."""
     points: int = SAMPLES
     """On each surface."""
+    alignment: AlignmentConfig = AlignmentConfig()
+    """Of shapes whose frame is unknown."""
     cycles: bool = True
     """Render the assets under both lights. Without, lit colour and relighting have no scores."""
     one_view: bool = True
