@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     known = kept_results(args.output, trial) if args.resume else {}
     results, sheets = [], None if args.no_sheets else Sheets(args.output)
     for index, entry in enumerate(entries):
-        if entry.name in known:
+        if entry.name in known and (sheets is None or sheets.has(entry.name)):
             results.append(known[entry.name])
             continue
         item = EvaluationObject(entry.name, cache / entry.name)

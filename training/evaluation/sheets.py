@@ -4,6 +4,7 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
+import torch
 from PIL import Image
 from torch import Tensor
 
@@ -37,6 +38,11 @@ class Sheets:
         _save(self.folder / f"{name}.jpg", object_sheet(shown))
         _save(self.folder / LARGE / f"{name}.jpg", large_sheet(shown))
         _save(self.folder / ROWS / f"{name}.png", front_row(shown))
+
+    def has(self, name: str) -> bool:
+        """Whether all pictures of an object are there."""
+        places = (self.folder / f"{name}.jpg", self.folder / LARGE / f"{name}.jpg", self.folder / ROWS / f"{name}.png")
+        return all(place.is_file() for place in places)
 
     def finish(self, results: Sequence[ObjectResult]) -> None:
         """Copies of the worst objects' large sheets."""
@@ -74,6 +80,7 @@ def object_sheet(shown: Shown) -> Image.Image:
     """The inputs in the first row; then truth, ours and hull from two of the test views, a column per map."""
     count = len(shown.truth.tests.cameras)
     rows: list[list[Cell]] = [[(f"input {k}", picture) for k, picture in enumerate(_inputs(shown))]]
+    rows[0] = _cropped(rows[0], shown)
     for view in (0, count // 2):
         rows += _rows(shown, view, ("truth", OURS, HULL))
     return tiled(rows, max(len(MAPS) + 1, len(rows[0])))
@@ -94,7 +101,7 @@ def front_row(shown: Shown, view: int = 0, tile: int = 128) -> Image.Image:
     for name in MAPS:
         for who, found in (("truth", shown.truth.tests), (OURS, shown.pictures.get(OURS))):
             row.append((f"{name}, {who}", _picture(found, name, view)))
-    return tiled([row], len(row), tile)
+    return tiled([_cropped(row, shown)], len(row), tile)
 
 
 def _rows(shown: Shown, view: int, systems: Sequence[str]) -> list[list[Cell]]:
@@ -105,8 +112,20 @@ def _rows(shown: Shown, view: int, systems: Sequence[str]) -> list[list[Cell]]:
         found = shown.truth.tests if name == "truth" else shown.pictures.get(name)
         shape = shown.shapes.get(name)
         row: list[Cell] = [(f"{name}, {what}, view {view}", _picture(found, what, view)) for what in MAPS]
-        rows.append([*row, (f"{name}, normals", None if shape is None else normal_picture(shape, camera))])
+        row.append((f"{name}, normals", None if shape is None else normal_picture(shape, camera)))
+        rows.append(_cropped(row, shown))
     return rows
+
+
+def _cropped(row: list[Cell], shown: Shown) -> list[Cell]:
+    """The middle of the pictures, as large as any system's object in any view needs it."""
+    side = shown.truth.tests.alpha.shape[-1]
+    alphas = torch.cat([found.alpha for found in (shown.truth.tests, *shown.pictures.values())])
+    alphas = torch.cat([alphas.amax(dim=(0, 1))[None], shown.views.images[:, 3]]).amax(dim=0)
+    away = (torch.nonzero(alphas > 0.0) + 0.5 - side / 2).abs().amax() if bool((alphas > 0.0).any()) else side / 2
+    half = min(side // 2, int(1.05 * float(away)) + 1)
+    window = slice(side // 2 - half, side // 2 + half)
+    return [(caption, None if picture is None else picture[:, window, window]) for caption, picture in row]
 
 
 def _picture(found: Appearance | None, name: str, view: int) -> Tensor | None:
