@@ -1,6 +1,7 @@
 """The evaluation's truth and its assets, rendered by Cycles: what is the truth scores as the truth."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import OpenImageIO as oiio
@@ -91,9 +92,23 @@ def test_colours_at_vertices_are_lit_as_a_texture_of_that_colour(data, asset):
     assert compare_pictures(drawn.albedo, truth.tests.albedo, drawn.alpha, alpha).psnr_in > 40.0
 
 
-def test_scans_without_a_finish_get_the_agreed_one(data):
-    truth = render(data, kind="gso")
+def test_scans_without_a_finish_get_the_agreed_one(data, asset):
+    """And the highlight that every material of ours has, whatever the scan's file says of its own."""
+    imported = truth_blender.import_object
+
+    def matte(path):
+        objects = imported(path)
+        for material in bpy.data.materials:
+            truth_blender.principled(material).inputs["Specular IOR Level"].default_value = 0.0
+        return objects
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(truth_blender, "import_object", matte)
+        truth = render(data, kind="gso")
     inside = truth.tests.mask
+    agreed = replace(asset, maps=replace(asset.maps, roughness=torch.full((1, 4, 4), 0.5)))
+    (lit,) = asset_lights(agreed, truth.tests.cameras, (truth.input_light,), TINY)
+    assert compare_pictures(lit, truth.tests.lit, truth.tests.alpha, truth.tests.alpha).psnr_in > 45.0
     assert truth.tests.roughness[inside].mean() == pytest.approx(0.5, abs=0.01)
     assert truth.tests.metallic[inside].max() < 0.01
 
