@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     write_text(args.output / "results.md", report)
     write_json(args.output / "results.json", {"command": args.command, "seed": args.seed} | as_json(results, settings))
     if args.update_readme:
-        fill_block(args.update_readme, "results", report)
+        fill_block(args.update_readme, "shapes", report)
     print(report)
     return 0
 
