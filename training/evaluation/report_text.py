@@ -94,7 +94,7 @@ def _sentence(subject: str, baseline: str, ours: float | None, theirs: float | N
     if ours is None or theirs is None:
         return ""
     better = ours < theirs if lower else ours > theirs
-    digits = 3 if max(abs(ours), abs(theirs)) < 2.0 else 1
+    digits = 3 if max(abs(ours), abs(theirs)) < 2.0 else 2
     word = "beats" if better else "does NOT beat"
     return f"{subject} {word} {baseline} ({ours:.{digits}f} against {theirs:.{digits}f})."
 
