@@ -35,33 +35,35 @@ class Bar:
     over: str | None = None
 
 
-def _geometry(name: str) -> Reader:
+def geometry_score(name: str) -> Reader:
+    """Reads a measure of the shape in the cameras' own frame."""
     return lambda result: getattr(result.geometry, name) if result.geometry is not None else None
 
 
-def _map(name: str, score: str) -> Reader:
+def map_score(name: str, score: str) -> Reader:
+    """Reads a score of a map's pictures."""
     return lambda result: getattr(result.maps[name], score) if name in result.maps else None
 
 
 SCANS, MEASURED = ("gso",), ("pbr",)
 BARS = (
-    Bar("GSO F-score@0.1", SCANS, OURS, _geometry("f_coarse"), 0.98, 0.995),
-    Bar("GSO Chamfer distance", SCANS, OURS, _geometry("chamfer"), 0.036, 0.025, lower=True),
-    Bar("GSO F-score@0.02", SCANS, OURS, _geometry("f_fine"), 0.72, 0.85),
-    Bar("PBR set F-score@0.1", MEASURED, OURS, _geometry("f_coarse"), 0.93, 0.98),
-    Bar("PBR set Chamfer distance", MEASURED, OURS, _geometry("chamfer"), 0.055, 0.035, lower=True),
-    Bar("GSO lit colour PSNR in", SCANS, OURS, _map("lit", "psnr_in"), 21.0, 24.0),
-    Bar("GSO lit colour PSNR full", SCANS, OURS, _map("lit", "psnr_full"), 27.5, 30.0),
-    Bar("PBR set albedo PSNR in", MEASURED, OURS, _map("albedo", "psnr_in"), 18.5, 21.0),
-    Bar("PBR set albedo PSNR full", MEASURED, OURS, _map("albedo", "psnr_full"), 23.0, 25.0),
-    Bar("albedo PSNR in, above plain blending", MEASURED, OURS, _map("albedo", "psnr_in"), 1.5, 1.5, over=BLEND),
-    Bar("PBR set roughness PSNR in", MEASURED, OURS, _map("roughness", "psnr_in"), 16.0, 19.0),
-    Bar("PBR set metallic PSNR in", MEASURED, OURS, _map("metallic", "psnr_in"), 19.5, 22.0),
-    Bar("PBR set relit PSNR in", MEASURED, OURS, _map("relit", "psnr_in"), 19.0, 22.0),
-    Bar("PBR set relit PSNR full", MEASURED, OURS, _map("relit", "psnr_full"), 24.0, 25.1),
+    Bar("GSO F-score@0.1", SCANS, OURS, geometry_score("f_coarse"), 0.98, 0.995),
+    Bar("GSO Chamfer distance", SCANS, OURS, geometry_score("chamfer"), 0.036, 0.025, lower=True),
+    Bar("GSO F-score@0.02", SCANS, OURS, geometry_score("f_fine"), 0.72, 0.85),
+    Bar("PBR set F-score@0.1", MEASURED, OURS, geometry_score("f_coarse"), 0.93, 0.98),
+    Bar("PBR set Chamfer distance", MEASURED, OURS, geometry_score("chamfer"), 0.055, 0.035, lower=True),
+    Bar("GSO lit colour PSNR in", SCANS, OURS, map_score("lit", "psnr_in"), 21.0, 24.0),
+    Bar("GSO lit colour PSNR full", SCANS, OURS, map_score("lit", "psnr_full"), 27.5, 30.0),
+    Bar("PBR set albedo PSNR in", MEASURED, OURS, map_score("albedo", "psnr_in"), 18.5, 21.0),
+    Bar("PBR set albedo PSNR full", MEASURED, OURS, map_score("albedo", "psnr_full"), 23.0, 25.0),
+    Bar("albedo PSNR in, above plain blending", MEASURED, OURS, map_score("albedo", "psnr_in"), 1.5, 1.5, over=BLEND),
+    Bar("PBR set roughness PSNR in", MEASURED, OURS, map_score("roughness", "psnr_in"), 16.0, 19.0),
+    Bar("PBR set metallic PSNR in", MEASURED, OURS, map_score("metallic", "psnr_in"), 19.5, 22.0),
+    Bar("PBR set relit PSNR in", MEASURED, OURS, map_score("relit", "psnr_in"), 19.0, 22.0),
+    Bar("PBR set relit PSNR full", MEASURED, OURS, map_score("relit", "psnr_full"), 24.0, 25.1),
     Bar("mask IoU, all objects", (), OURS, lambda result: result.overlap, 0.93, 0.93),
-    Bar("one true view, GSO F-score@0.1", SCANS, ONE_VIEW, _geometry("f_coarse"), 0.80, 0.89),
-    Bar("one true view, albedo of the seen side PSNR in", (), ONE_VIEW, _map("albedo", "psnr_in"), 19.0, 22.0),
+    Bar("one true view, GSO F-score@0.1", SCANS, ONE_VIEW, geometry_score("f_coarse"), 0.80, 0.89),
+    Bar("one true view, albedo of the seen side PSNR in", (), ONE_VIEW, map_score("albedo", "psnr_in"), 19.0, 22.0),
 )
 SECONDS_COLD, SECONDS_WARM, WEIGHTS_MIB = (20.0, 10.0), (8.0, 4.0), (60.0, 30.0)
 """Must and aim of what is no mean over objects."""

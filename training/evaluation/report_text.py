@@ -1,14 +1,14 @@
 """The evaluation in words and tables: means per set, a row per object, and what does not beat its baseline."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from .bars import Reader, mean
+from .bars import Reader, geometry_score, map_score, mean
 from .geometry import MEASURES
 from .image_scores import best_constant, constant_score
-from .measure import BLEND, HULL, MAPS, ONE_VIEW, OURS, SCALED, ObjectResult, SystemResult
+from .measure import BLEND, HULL, MAPS, ONE_VIEW, OURS, SCALED, ObjectResult
 from .results import markdown_table
 
 TRAINING_MEAN = {"roughness": 0.44, "metallic": 0.18}
@@ -53,19 +53,19 @@ def verdicts(results: Sequence[ObjectResult]) -> str:
     for kind in sorted({result.kind for result in results}):
         chosen = [result for result in results if result.kind == kind]
         for name, title in MEASURES.items():
-            read = _geometry_reader(name)
+            read = geometry_score(name)
             pair = mean(chosen, (), OURS, read), mean(chosen, (), HULL, read)
             sentences.append(_sentence(f"{kind}, {title}: GeoRM", "the visual hull", *pair, name == "chamfer"))
-        albedo = _map_reader("albedo", "psnr_in")
+        albedo = map_score("albedo", "psnr_in")
         pair = mean(chosen, (), OURS, albedo), mean(chosen, (), BLEND, albedo)
         sentences.append(_sentence(f"{kind}, albedo: InstantAlbedo", "plain blending of the views", *pair))
         for name in ("lit", "relit"):
-            read = _map_reader(name, "psnr_in")
+            read = map_score(name, "psnr_in")
             pair = mean(chosen, (), OURS, read), mean(chosen, (), HULL, read)
             sentences.append(_sentence(f"{kind}, {name}: the asset", "the coloured hull", *pair))
         for name in ("roughness", "metallic"):
             seen = [result.moments[name] for result in chosen if result.moments.get(name)]
-            ours = mean(chosen, (), OURS, _map_reader(name, "psnr_in"))
+            ours = mean(chosen, (), OURS, map_score(name, "psnr_in"))
             if not seen:
                 continue
             value, score = best_constant(seen)
@@ -100,24 +100,16 @@ def _sentence(subject: str, baseline: str, ours: float | None, theirs: float | N
 
 
 def _readers() -> list[Reader]:
-    readers = [_geometry_reader(name) for name in MEASURES]
+    readers = [geometry_score(name) for name in MEASURES]
     readers += [_aligned_reader(name) for name in MEASURES]
     readers.append(lambda result: result.overlap)
     for name in (*MAPS[:1], SCALED, *MAPS[1:]):
-        readers += [_map_reader(name, score) for score in ("psnr_in", "psnr_full", "ssim")]
+        readers += [map_score(name, score) for score in ("psnr_in", "psnr_full", "ssim")]
     return readers
-
-
-def _geometry_reader(name: str) -> Reader:
-    return lambda result: getattr(result.geometry, name) if result.geometry is not None else None
 
 
 def _aligned_reader(name: str) -> Reader:
     return lambda result: getattr(result.aligned, name) if result.aligned is not None else None
-
-
-def _map_reader(name: str, score: str) -> Callable[[SystemResult], float | None]:
-    return lambda result: getattr(result.maps[name], score) if name in result.maps else None
 
 
 def _digits(value: float | None, column: str) -> str:
