@@ -98,7 +98,9 @@ def similarity_between(source: np.ndarray, target: np.ndarray) -> np.ndarray:
     return motion
 
 
-def _icp(source: np.ndarray, target: np.ndarray, tree: cKDTree, pose: np.ndarray, config: AlignmentConfig):
+def _icp(
+    source: np.ndarray, target: np.ndarray, tree: cKDTree, pose: np.ndarray, config: AlignmentConfig
+) -> np.ndarray:
     """The pose after iterated closest points, both ways."""
     low, high = min(config.scales), max(config.scales)
     for _ in range(config.rounds):

@@ -1,6 +1,6 @@
 """What an asset shows from the test views: its maps, by our rasteriser."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import Tensor
@@ -10,7 +10,7 @@ from arm_blender.graphics.cameras import Camera
 from arm_blender.graphics.color import srgb_from_linear
 from arm_blender.graphics.rasterize import Fragments, interpolate, rasterize
 from arm_blender.graphics.textures import sample_texture
-from arm_blender.structures import RelightableAsset, TriangleMesh
+from arm_blender.structures import RelightableAsset, TriangleMesh, UvMesh
 
 from .truth import Appearance
 
@@ -31,7 +31,9 @@ def map_pictures(asset: RelightableAsset, cameras: Sequence[Camera]) -> Appearan
 
 
 @torch.no_grad()
-def vertex_pictures(mesh: TriangleMesh, colors: Tensor, finish: tuple[float, float], cameras: Sequence[Camera]):
+def vertex_pictures(
+    mesh: TriangleMesh, colors: Tensor, finish: tuple[float, float], cameras: Sequence[Camera]
+) -> Appearance:
     """The same of a mesh with linear colours (N, 3) at its vertices, and one roughness and metallic."""
 
     def values(fragments: Fragments) -> Tensor:
@@ -41,8 +43,8 @@ def vertex_pictures(mesh: TriangleMesh, colors: Tensor, finish: tuple[float, flo
     return _pictures([_drawn(mesh, camera, values) for camera in cameras], cameras)
 
 
-def _drawn(mesh, camera: Camera, values) -> Tensor:
-    """(6, H, W): premultiplied linear values (5) and coverage."""
+def _drawn(mesh: UvMesh | TriangleMesh, camera: Camera, values: Callable[[Fragments], Tensor]) -> Tensor:
+    """(6, H, W): premultiplied linear values (5) and coverage; `values` gives (P, 5) of the covered pixels."""
     fine = camera.resized(OVERSAMPLING * camera.width, OVERSAMPLING * camera.height)
     fragments = rasterize(mesh.vertices, mesh.faces, fine)
     picture = torch.zeros(6, fine.height, fine.width)

@@ -25,12 +25,16 @@ COLORS = "arm_color"
 """Name of the attribute that holds a baseline's colours; a plain "color" Cycles takes for one of its own."""
 
 
-def asset_lights(asset: RelightableAsset, cameras: Sequence[Camera], lights: Sequence[Path], protocol: Protocol):
+def asset_lights(
+    asset: RelightableAsset, cameras: Sequence[Camera], lights: Sequence[Path], protocol: Protocol
+) -> list[Tensor]:
     """(V, 3, N, N) sRGB for each light, of an asset with its Principled BSDF."""
     return _lights(lambda: build_object(asset, {}, bpy.context.scene), cameras, lights, protocol)
 
 
-def colored_lights(colored: ColoredMesh, cameras: Sequence[Camera], lights: Sequence[Path], protocol: Protocol):
+def colored_lights(
+    colored: ColoredMesh, cameras: Sequence[Camera], lights: Sequence[Path], protocol: Protocol
+) -> list[Tensor]:
     """(V, 3, N, N) sRGB for each light, of a mesh whose base colour lies at its vertices."""
     return _lights(lambda: _build_colored(colored), cameras, lights, protocol)
 
