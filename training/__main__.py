@@ -19,7 +19,7 @@ COMMANDS = {
     "rasterized": ("training.datasets.rasterized_blender", "compare views rasterised on the fly with Cycles'"),
     "shards": ("training.datasets.shard_report", "tell what shards hold, check them, and what more would cost"),
     "prepare": ("training.datasets.occupancy", "sample signed distances to the rendered objects"),
-    "evaluate": ("training.evaluation.evaluate", "measure geometry against the truth and the visual hull"),
+    "evaluate": ("training.evaluation.evaluate", "measure shape, colours, materials and relighting against the truth"),
     "sweep": ("training.evaluation.sweep", "error against run time, each knob in turn"),
     "quality-levels": ("training.evaluation.quality_levels", "hand the sweep's levels on to Blender's panel"),
     "stability": ("training.evaluation.stability", "measure the pipeline's parts on extreme inputs"),

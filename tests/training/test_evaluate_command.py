@@ -26,10 +26,10 @@ from arm_blender.views.rigs import zero123plus_rig
 from arm_blender.views.transforms_json import write_transforms
 from training.__main__ import main
 from training.evaluation import sweep
-from training.evaluation.evaluate import FAILED, ObjectResult, mean_scores, verdict
-from training.evaluation.geometry import GeometryScores
+from training.evaluation.geometry import FAILED, GeometryScores
 from training.evaluation.left_out import variants
 from training.evaluation.rerender import rerender_psnr
+from training.evaluation.shape_table import ObjectResult, mean_scores, verdict
 
 GOOD, FAIR = GeometryScores(0.9, 0.5, 0.04), GeometryScores(0.8, 0.4, 0.06)
 

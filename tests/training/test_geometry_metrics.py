@@ -8,7 +8,7 @@ import torch
 import trimesh
 
 from arm_blender.structures import TriangleMesh
-from training.evaluation.geometry import compare, f_score
+from training.evaluation.geometry import ceiling, compare, f_score
 
 SAMPLES = 20_000
 
@@ -84,3 +84,15 @@ def test_a_mesh_without_area_is_refused():
     line = TriangleMesh(torch.zeros(3, 3), torch.tensor([[0, 1, 2]]))
     with pytest.raises(ValueError, match="without area"):
         compare(line, sphere(0.5), 100)
+
+
+def test_a_ball_inside_of_a_ball_is_beyond_the_ceiling():
+    """What no view sees counts in the truth: of two balls, the inner with a quarter of the area, a fifth is lost."""
+    outer, inner = sphere(0.8), sphere(0.4)
+    both = TriangleMesh(
+        torch.cat([outer.vertices, inner.vertices]), torch.cat([outer.faces, inner.faces + len(outer.vertices)])
+    )
+    scores, recall = ceiling(both, SAMPLES), 0.8
+    assert scores.f_coarse == pytest.approx(2.0 * recall / (1.0 + recall), abs=0.01)
+    # Points of the inner ball lie 0.4 from the outer one.
+    assert scores.chamfer == pytest.approx(0.2 * 0.4, abs=0.02)

@@ -1,5 +1,7 @@
 """One picture per object: what went in, and the shapes that came out beside the truth."""
 
+from collections.abc import Sequence
+
 import torch
 from PIL import Image, ImageDraw
 from torch import Tensor
@@ -28,7 +30,6 @@ def contact_sheet(views: ViewSet, shapes: dict[str, TriangleMesh]) -> Image.Imag
     """
     columns = max(len(SIDES) * len(shapes), min(len(views.cameras), 6))
     inputs = composite(srgb_from_linear(views.images[:columns, :3]), views.images[:columns, 3:], 1.0)
-    inputs = interpolate(inputs, size=(TILE, TILE), mode="bilinear", antialias=True, align_corners=False)
     rows = [[(f"view {index}", picture) for index, picture in enumerate(inputs)]]
     rows.append(
         [
@@ -37,13 +38,24 @@ def contact_sheet(views: ViewSet, shapes: dict[str, TriangleMesh]) -> Image.Imag
             for azimuth in SIDES
         ]
     )
-    sheet = Image.new("RGB", (columns * TILE, len(rows) * (TILE + CAPTION)), "white")
+    return tiled(rows, columns)
+
+
+def tiled(rows: Sequence[Sequence[tuple[str, Tensor | None]]], columns: int, tile: int = TILE) -> Image.Image:
+    """Pictures in rows, each below its caption.
+
+    Args:
+        rows: of captions and pictures (3, H, W) in [0, 1], made `tile` pixels a side; None leaves a gap.
+        columns: of the sheet.
+    """
+    sheet = Image.new("RGB", (columns * tile, len(rows) * (tile + CAPTION)), "white")
     draw = ImageDraw.Draw(sheet)
     for row, tiles in enumerate(rows):
         for column, (caption, picture) in enumerate(tiles):
-            left, top = column * TILE, row * (TILE + CAPTION)
+            left, top = column * tile, row * (tile + CAPTION)
             draw.text((left + 4, top + 1), caption, fill="black")
-            sheet.paste(_image(picture), (left, top + CAPTION))
+            if picture is not None:
+                sheet.paste(_image(_sized(picture, tile)), (left, top + CAPTION))
     return sheet
 
 
@@ -57,6 +69,12 @@ def normal_picture(mesh: TriangleMesh, camera: Camera) -> Tensor:
     normals = face_normals(mesh.vertices, mesh.faces) @ camera.c2w[:3, :3]  # (F, 3) camera
     picture = torch.where(face_id[..., None] >= 0, 0.5 + 0.5 * normals[face_id.clamp(min=0)], 1.0).permute(2, 0, 1)
     return interpolate(picture[None], scale_factor=0.5, mode="area")[0]
+
+
+def _sized(picture: Tensor, tile: int) -> Tensor:
+    if picture.shape[-2:] == (tile, tile):
+        return picture
+    return interpolate(picture[None], size=(tile, tile), mode="bilinear", antialias=True, align_corners=False)[0]
 
 
 def _image(picture: Tensor) -> Image.Image:

@@ -1,194 +1,169 @@
-"""`python -m training evaluate`: the geometry of GeoRM against the truth, beside the visual hull of the same masks.
+"""`python -m training evaluate`: shape, colours, materials and relighting against the truth, beside simple baselines.
 
-The hull knows nothing but silhouettes. A network that does not beat it has learned nothing worth its run time, and the
-report says so in words.
+With `--data` the truth is rendered once into a cache, the real pipeline runs on every object, its assets are rendered
+as the truth was, and one table says where they stand. With `--views` the shapes alone are compared, without Blender.
 """
 
 import argparse
 import logging
-import math
-import time
-from dataclasses import asdict, dataclass
+import zlib
+from collections.abc import Sequence
 from pathlib import Path
 
-import torch
+from arm_blender.errors import ArmError
+from arm_blender.files import check_output
+from arm_blender.views import ViewOptions
+from arm_blender.views.zero123plus.sampling import Zero123PlusConfig
 
-from arm_blender import pipeline
-from arm_blender.config import PRESETS, QUALITIES, Settings
-from arm_blender.errors import EmptyMeshError
-from arm_blender.files import check_output, whole_file, write_json
-from arm_blender.structures import TriangleMesh, ViewSet
-from arm_blender.uv.decimate import decimate
-from arm_blender.views.scene_frame import normalise
-
-from .contact_sheet import contact_sheet
-from .geometry import SAMPLES, GeometryScores, compare
-from .objects import EvaluationObject, evaluation_objects
-from .results import fill_block, markdown_table, paragraphs, write_text
-from .visual_hull import visual_hull
+from ..datasets.manifest import read_manifest
+from ..lpips import Lpips
+from . import shape_table
+from .cost import measured_cost
+from .entries import DATASETS, evaluation_entries, spread
+from .measure import ONE_VIEW, OURS, ObjectResult, measure
+from .objects import EvaluationObject
+from .other_system import measure_file
+from .output import card_text, front_text, write_tables
+from .protocol import QUICK, EvaluationEntry, Protocol
+from .results import fill_block
+from .resume import kept_results
+from .sheets import Sheets
+from .trial import Trial, add_object_arguments, add_trial_arguments, other_settings, trial_settings
+from .truth import is_whole, read_truth
 
 logger = logging.getLogger(__name__)
 
-FAILED = GeometryScores(f_coarse=0.0, f_fine=0.0, chamfer=float("inf"))
-"""Of an object without a surface: it stays in the means."""
-MEASURES = {"f_coarse": "F@0.1", "f_fine": "F@0.02", "chamfer": "CD"}
-
-
-@dataclass(frozen=True)
-class ObjectResult:
-    """What was measured on one object.
-
-    Attributes:
-        name: the object's id.
-        ours: of the network's mesh as the pipeline hands it on: cleaned and decimated.
-        hull: of the visual hull of the same masks on the same grid.
-        seconds: of the network's geometry stage, from posed views to the mesh.
-        faces: of the network's mesh.
-    """
-
-    name: str
-    ours: GeometryScores
-    hull: GeometryScores
-    seconds: float
-    faces: int
+QUICK_OBJECTS, QUICK_POINTS = 6, 30_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The words of `python -m training evaluate`."""
-    add_object_arguments(parser)
+    add_object_arguments(parser, required=False)
+    add_trial_arguments(parser)
     parser.add_argument("--output", type=Path, default=Path("out/evaluation"), help="folder of tables and pictures")
-    parser.add_argument("--quality", default="balanced", choices=QUALITIES)
-    parser.add_argument("--grid", type=int, help="samples a side; the quality's by default")
-    parser.add_argument("--faces", type=int, help="face budget; the quality's by default")
-    parser.add_argument("--run-time", action="store_true", help="a column with the seconds per object")
     parser.add_argument("--no-sheets", action="store_true", help="no picture per object")
+    parser.add_argument("--run-time", action="store_true", help="with --views: a column with the seconds per object")
     parser.add_argument(
         "--update-readme", type=Path, nargs="?", const=Path("README.md"), help="fill the document's block of results"
     )
-
-
-def add_object_arguments(parser: argparse.ArgumentParser) -> None:
-    """The words that choose what is measured, shared with `sweep`."""
-    parser.add_argument("--views", type=Path, required=True, help="folder written by `render --layout views`")
-    parser.add_argument("--data", type=Path, help="folder with manifest.json; ARM_DATA by default")
-    parser.add_argument("--set", nargs="*", default=["gso"], help="sets of the manifest")
-    parser.add_argument("--split", default="eval", choices=("train", "eval"))
-    parser.add_argument("--limit", type=int, help="only the first objects, by name")
-    parser.add_argument("--preset", default="small", choices=PRESETS)
-    parser.add_argument("--device", default="cpu")
-    parser.add_argument("--seed", type=int, default=0, help="of the points compared")
+    parser.add_argument(
+        "--update-card", type=Path, nargs="?", const=Path("arm_blender/weights/README.md"), help="fill the model card"
+    )
+    parser.add_argument("--dataset", default="manifest", choices=DATASETS, help="how the data folder is laid out")
+    parser.add_argument("--meshes", type=Path, metavar="DIR", help="another system's <id>.glb instead of ours")
+    parser.add_argument("--aligned", action="store_true", help="those lie in no known frame")
+    parser.add_argument("--resume", action="store_true", help="keep what the output's results.json has of this trial")
+    parser.add_argument("--ids", nargs="*", help="only these objects")
+    parser.add_argument("--cache", type=Path, default=Path("out/evaluation-truth"), help="rendered truth, kept")
+    parser.add_argument("--resolution", type=int, default=Protocol.resolution, help="pixels a side of every view")
+    parser.add_argument("--samples", type=int, default=Protocol.samples, help="of Cycles, a pixel")
+    parser.add_argument("--test-views", type=int, default=Protocol.views, help="around the object")
+    parser.add_argument("--quick", action="store_true", help="six objects, four test views, eight samples")
+    parser.add_argument("--no-cycles", action="store_true", help="maps and shapes alone: no lit colour, no relighting")
+    parser.add_argument("--no-single", action="store_true", help="six views only, not the one view")
+    parser.add_argument("--lpips", type=Path, metavar="FILE", help="weights of LPIPS, Alex for the paper's numbers")
+    parser.add_argument("--multiview-model", type=Path, metavar="DIR", help="Zero123++'s weights: a row for its views")
+    parser.add_argument("--picture", type=Path, metavar="FILE", help="a picture for a front page, a row for each ...")
+    parser.add_argument("--picture-of", nargs="*", default=(), metavar="ID", help="... of these objects")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure every object, then write `results.md`, `results.json` and a sheet per object."""
-    settings = Settings(args.preset, args.quality, grid=args.grid, faces=args.faces, device=args.device)
-    objects = evaluation_objects(args.views, args.data, tuple(args.set), args.split)[: args.limit]
+    """Measure every object, and write `results.md`, `results.json` and the sheets."""
+    if args.views is not None:
+        return shape_table.run(args)
+    protocol = QUICK if args.quick else Protocol(args.resolution, args.samples, views=args.test_views)
+    entries, trial = _entries(args), _trial(args, protocol)
     check_output(args.output)
     args.output.mkdir(parents=True, exist_ok=True)
-    results = []
-    for index, item in enumerate(objects):
-        results.append(measure(item, settings, args.seed, None if args.no_sheets else args.output))
-        logger.info("%d of %d, %s", index + 1, len(objects), _summary(results[-1]))
-    report = paragraphs(results_table(results, args.run_time), verdict(results), f"Made by `{args.command}`.")
-    write_text(args.output / "results.md", report)
-    write_json(args.output / "results.json", {"command": args.command, "seed": args.seed} | as_json(results, settings))
-    if args.update_readme:
-        fill_block(args.update_readme, "results", report)
-    print(report)
+    cache = args.cache / protocol.folder
+    _render_truth(entries, cache, args, protocol)
+    cost = None if args.meshes else measured_cost(cache / entries[0].name, trial)
+    known = kept_results(args.output, trial) if args.resume else {}
+    results, sheets = [], None if args.no_sheets else Sheets(args.output)
+    for index, entry in enumerate(entries):
+        if entry.name in known and (sheets is None or sheets.has(entry.name)):
+            results.append(known[entry.name])
+            continue
+        item = EvaluationObject(entry.name, cache / entry.name)
+        truth = read_truth(item, args.data)
+        result, shown = (measure if trial.meshes is None else measure_file)(entry, item, truth, trial)
+        results.append(result)
+        logger.info("%d of %d, %s", index + 1, len(entries), _summary(result))
+        if sheets is not None:
+            sheets.add(entry.name, shown)
+        # After every object: what ends the run leaves a table that says of how many it is.
+        write_tables(args.output, results, cost, trial, args.command)
+    write_tables(args.output, results, cost, trial, args.command)
+    if sheets is not None:
+        sheets.finish(results)
+        if args.picture is not None:
+            sheets.front(args.picture_of, args.picture)
+    if args.update_readme is not None:
+        fill_block(args.update_readme, "results", front_text(results, cost, trial, args.command))
+    if args.update_card is not None:
+        fill_block(args.update_card, "measured", card_text(results, trial, args.command))
+    print((args.output / "results.md").read_text(encoding="utf-8"))
     return 0
 
 
-def measure(item: EvaluationObject, settings: Settings, seed: int, sheets: Path | None) -> ObjectResult:
-    """Reconstruct one object both ways and compare both with the truth.
+def _trial(args: argparse.Namespace, protocol: Protocol) -> Trial:
+    """What the words ask to try."""
 
-    Args:
-        seed: of the points compared.
-        sheets: where the object's contact sheet goes; none is made without.
-    """
-    views, truth = item.views(), item.truth()
-    shapes = {"truth": truth, "hull": visual_hull(views, settings.resolved.grid)}
-    start = time.perf_counter()
-    try:
-        shapes["ours"] = reconstruct(views, settings)
-    except EmptyMeshError as error:
-        logger.warning("%s: %s", item.name, error)
-    seconds = time.perf_counter() - start
-    if sheets is not None:
-        order = {name: shapes[name] for name in ("ours", "hull", "truth") if name in shapes}
-        with whole_file(sheets / f"{item.name}.png") as temporary:
-            contact_sheet(views, order).save(temporary)
-    return ObjectResult(
-        name=item.name,
-        ours=compare(shapes["ours"], truth, seed=seed) if "ours" in shapes else FAILED,
-        hull=compare(shapes["hull"], truth, seed=seed),
-        seconds=seconds,
-        faces=len(shapes["ours"].faces) if "ours" in shapes else 0,
+    def provider(name: str) -> ViewOptions:
+        drawing = Zero123PlusConfig(args.multiview_model, args.output / "views" / name, device=args.device)
+        return ViewOptions(multiview="zero123plus", zero123plus=drawing)
+
+    return Trial(
+        trial_settings(args),
+        protocol,
+        args.seed,
+        QUICK_POINTS if args.quick else Trial.points,
+        cycles=not args.no_cycles,
+        one_view=not args.no_single,
+        perceptual=None if args.lpips is None else Lpips.from_file(args.lpips),
+        others=other_settings(args),
+        provider=None if args.multiview_model is None else provider,
+        meshes=args.meshes,
+        own_frame=not args.aligned,
     )
 
 
-@torch.inference_mode()
-def reconstruct(views: ViewSet, settings: Settings) -> TriangleMesh:
-    """The geometry stage as `generate` runs it: in the networks' box, then put back into the cameras' frame."""
-    boxed, frame = normalise(views.to(settings.device))
-    mesh = decimate(pipeline.shape(boxed, settings), settings.resolved.faces)
-    return TriangleMesh(frame.restore(mesh.vertices).cpu(), mesh.faces.cpu())
+def _entries(args: argparse.Namespace) -> list[EvaluationEntry]:
+    """The chosen objects.
+
+    Raises:
+        ArmError: none, or `--ids` names others.
+    """
+    entries = evaluation_entries(args.data, args.dataset, args.split, args.set)
+    if args.ids:
+        unknown = sorted(set(args.ids) - {entry.name for entry in entries})
+        if unknown:
+            raise ArmError(f"--ids {' '.join(unknown)}: no such object of split {args.split}")
+        entries = [entry for entry in entries if entry.name in args.ids]
+    if args.quick and len(entries) > QUICK_OBJECTS:
+        entries = spread(entries, QUICK_OBJECTS)
+    entries.sort(key=lambda entry: zlib.crc32(entry.name.encode()))  # So that any prefix is a fair sample.
+    return entries[: args.limit]
 
 
-def mean_scores(results: list[ObjectResult], which: str) -> GeometryScores:
-    """The mean of every measure over the objects; `which` is "ours" or "hull"."""
-    scores = [getattr(result, which) for result in results]
-    return GeometryScores(**{name: sum(getattr(s, name) for s in scores) / len(scores) for name in MEASURES})
+def _render_truth(
+    entries: Sequence[EvaluationEntry], cache: Path, args: argparse.Namespace, protocol: Protocol
+) -> None:
+    """Whatever the cache lacks; only then Blender is needed here."""
+    if all(is_whole(cache / entry.name) for entry in entries):
+        return
+    from .truth_blender import environments, render_missing
 
-
-def results_table(results: list[ObjectResult], run_time: bool) -> str:
-    """Markdown: a row per object and one of means, ours beside the hull's."""
-    header = ["object", *(f"{text} {which}" for text in MEASURES.values() for which in ("ours", "hull"))]
-    rows = [[result.name, *_pairs(result.ours, result.hull)] for result in results]
-    rows.append(["**mean**", *_pairs(mean_scores(results, "ours"), mean_scores(results, "hull"))])
-    if run_time:
-        seconds = [result.seconds for result in results]
-        header.append("seconds")
-        rows = [[*row, value] for row, value in zip(rows, [*seconds, sum(seconds) / len(seconds)], strict=True)]
-    return markdown_table(header, rows)
-
-
-def verdict(results: list[ObjectResult]) -> str:
-    """One sentence per measure: whether the network beats the hull in the mean, and on how many objects."""
-    ours, hull = mean_scores(results, "ours"), mean_scores(results, "hull")
-    sentences = []
-    for name, text in MEASURES.items():
-        sign = -1.0 if name == "chamfer" else 1.0
-        wins = sum(sign * (getattr(r.ours, name) - getattr(r.hull, name)) > 0.0 for r in results)
-        word = "beats" if sign * (getattr(ours, name) - getattr(hull, name)) > 0.0 else "does NOT beat"
-        sentences.append(
-            f"{text}: the network {word} the visual hull ({getattr(ours, name):.4f} against {getattr(hull, name):.4f}; "
-            f"better on {wins} of {len(results)} objects)."
-        )
-    return "  \n".join(sentences)
-
-
-def as_json(results: list[ObjectResult], settings: Settings) -> dict:
-    """Everything that was measured; a distance that is infinite, where there was no surface, becomes null."""
-
-    def finite(value: object) -> object:
-        if isinstance(value, dict):
-            return {key: finite(inner) for key, inner in value.items()}
-        return None if isinstance(value, float) and not math.isfinite(value) else value
-
-    return {
-        "settings": asdict(settings),
-        "samples": SAMPLES,
-        "mean": {which: finite(asdict(mean_scores(results, which))) for which in ("ours", "hull")},
-        "objects": [finite(asdict(result)) for result in results],
-    }
-
-
-def _pairs(ours: GeometryScores, hull: GeometryScores) -> list[float]:
-    return [getattr(scores, name) for name in MEASURES for scores in (ours, hull)]
+    hdris = read_manifest(args.data)["hdris"] if args.dataset == "manifest" else []
+    lights = {split: [args.data / h["files"][0] for h in hdris if h["split"] == split] for split in ("train", "eval")}
+    render_missing(entries, cache, args.data, environments(lights), protocol)
 
 
 def _summary(result: ObjectResult) -> str:
-    return (
-        f"{result.name}: F@0.1 {result.ours.f_coarse:.3f} (hull {result.hull.f_coarse:.3f}), "
-        f"CD {result.ours.chamfer:.4f} (hull {result.hull.chamfer:.4f}), {result.seconds:.1f} s"
-    )
+    """A line for the log."""
+    ours = result.systems[OURS]
+    maps = ", ".join(f"{name} {scores.psnr_in:.1f}" for name, scores in ours.maps.items())
+    one = result.systems.get(ONE_VIEW)
+    single = f", one view F@0.1 {one.geometry.f_coarse:.3f}" if one is not None else ""
+    shape = ours.geometry or ours.aligned
+    return f"{result.name}: F@0.1 {shape.f_coarse:.3f}, IoU {ours.overlap:.3f}; dB in: {maps}{single}"

@@ -21,12 +21,12 @@ from arm_blender.config import QUALITIES, Settings
 from arm_blender.errors import ArmError, EmptyMeshError
 from arm_blender.uv.backproject import BLENDS
 
-from .evaluate import FAILED, add_object_arguments
 from .figures import panels
-from .geometry import compare
+from .geometry import FAILED, compare
 from .objects import EvaluationObject, evaluation_objects
 from .rerender import rerender_psnr
 from .results import markdown_table, paragraphs, write_text
+from .trial import add_object_arguments
 
 logger = logging.getLogger(__name__)
 
@@ -94,7 +94,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run every point, and write the table, the CSV and the plot; the CSV grows with every point."""
-    objects = evaluation_objects(args.views, args.data, tuple(args.set), args.split)[: args.limit]
+    objects = evaluation_objects(args.views, args.data, tuple(args.set or ["gso"]), args.split)[: args.limit]
     chosen = list(points(args))
     measure(objects[:1], chosen[0], args.seed)  # Loads the weights, untimed.
     rows: list[SweepRow] = []

@@ -1,0 +1,94 @@
+"""What is rendered and compared: the rigs, the lights and the numbers of the evaluation's protocol."""
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from arm_blender.graphics.cameras import Camera, orbit_camera
+from arm_blender.views.rigs import zero123plus_rig
+
+Choice = TypeVar("Choice")
+
+FOVY_DEG, DISTANCE = 30.0, 6.0
+"""Of every camera: degrees, and world units to an object whose longest side is 2."""
+
+EXPOSURE = 0.8
+"""Mean luminance that every environment is scaled to."""
+
+TEST_ELEVATIONS_DEG = (-15.0, 0.0, 15.0, 35.0)
+"""Of the test views, in turn."""
+
+FRONT_ELEVATION_DEG = 10.0
+"""Of the one true view, at azimuth 0."""
+
+UNMEASURED = (0.5, 0.0)
+"""Roughness and metallic of scans that have none; they are rendered so and not scored."""
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """How the truth is rendered; another protocol has a folder of its own in the cache."""
+
+    resolution: int = 320
+    """Pixels a side of all views."""
+    samples: int = 32
+    """Cycles samples a pixel, denoised. Fewer leave noise that a prediction cannot have."""
+    asset_samples: int = 16
+    """Of the assets, denoised as well; the truth's noise would be a ceiling for all of them, theirs is not."""
+    views: int = 8
+    """Test views, a divisor of 360. Fewer leave sides of the object unjudged."""
+
+    @property
+    def folder(self) -> str:
+        """Name of its folder."""
+        return f"{self.resolution}px-{self.samples}spp-{self.views}views"
+
+    def inputs(self) -> tuple[Camera, ...]:
+        """The Zero123++ v1.2 rig."""
+        return zero123plus_rig(DISTANCE, FOVY_DEG, self.resolution)
+
+    def front(self) -> Camera:
+        """The one true view."""
+        return self._orbit(0.0, FRONT_ELEVATION_DEG)
+
+    def tests(self) -> tuple[Camera, ...]:
+        """Cameras that are none of the inputs."""
+        step = 360.0 / self.views
+        elevations = TEST_ELEVATIONS_DEG * self.views
+        return tuple(self._orbit(7.5 + step * k, elevations[k]) for k in range(self.views))
+
+    def _orbit(self, azimuth_deg: float, elevation_deg: float) -> Camera:
+        return orbit_camera(azimuth_deg, elevation_deg, DISTANCE, FOVY_DEG, self.resolution, self.resolution)
+
+
+QUICK = Protocol(samples=8, asset_samples=8, views=4)
+"""Of `--quick`."""
+
+
+@dataclass(frozen=True)
+class EvaluationEntry:
+    """One object to evaluate on.
+
+    Attributes:
+        name: its id.
+        path: GLB, glTF or OBJ.
+        kind: set of the manifest that it belongs to, such as "pbr" or "gso".
+        picture: what a single-picture method is given instead of a render; None for a render.
+    """
+
+    name: str
+    path: Path
+    kind: str
+    picture: Path | None = None
+
+    @property
+    def has_material(self) -> bool:
+        """Whether roughness and metallic were measured, and count."""
+        return self.kind not in ("gso", "omniobject3d")
+
+
+def chosen_for(name: str, choices: Sequence[Choice]) -> Choice:
+    """One of the choices, the same for this object in every run."""
+    return choices[zlib.crc32(name.encode()) % len(choices)]

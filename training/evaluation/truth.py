@@ -1,0 +1,112 @@
+"""The truth that predictions are compared with, as it lies in the cache.
+
+`CACHE/<protocol>/<id>/`: `transforms.json` with the six input views, as a user would bring them; `front/` with the one
+true view in the same layout; `mesh.npz`, the true surface; `truth.npz`, the test views and the front view last; and
+`truth.json`, what it was rendered with. A folder is there whole or not at all.
+"""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from arm_blender.errors import ArmError
+from arm_blender.graphics.cameras import Camera
+
+from ..datasets import shards
+from .objects import EvaluationObject
+
+ARRAYS, RECORD, FRONT = "truth.npz", "truth.json", "front"
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """Pictures of one object from V cameras, N x N pixels; where `alpha` is 0 their colours mean nothing.
+
+    Attributes:
+        cameras: V of them.
+        alpha: (V, 1, N, N) coverage.
+        albedo: (V, 3, N, N) sRGB.
+        roughness, metallic: (V, 1, N, N) linear.
+        lit: (V, 3, N, N) sRGB under the light of the inputs; None where it was not rendered.
+        relit: (V, 3, N, N) sRGB under another light; None where it was not rendered.
+    """
+
+    cameras: tuple[Camera, ...]
+    alpha: Tensor
+    albedo: Tensor
+    roughness: Tensor
+    metallic: Tensor
+    lit: Tensor | None = None
+    relit: Tensor | None = None
+
+    @property
+    def mask(self) -> Tensor:
+        """(V, 1, N, N) bool: more than half of the pixel shows the object."""
+        return self.alpha > 0.5
+
+    def only(self, chosen: slice) -> "Appearance":
+        """Some of the views."""
+        rest = (self.alpha, self.albedo, self.roughness, self.metallic, self.lit, self.relit)
+        return Appearance(self.cameras[chosen], *(None if t is None else t[chosen] for t in rest))
+
+
+@dataclass(frozen=True)
+class Truth:
+    """One object of the cache.
+
+    Attributes:
+        tests: what the test views show.
+        front: what the one true view shows; it is not relit.
+        input_light, other_light: HDRI files of the lit and the relit views.
+    """
+
+    tests: Appearance
+    front: Appearance
+    input_light: Path
+    other_light: Path
+
+
+def is_whole(folder: Path) -> bool:
+    """Whether the truth of an object has been rendered."""
+    return (folder / RECORD).is_file()
+
+
+def read_truth(item: EvaluationObject, data: Path) -> Truth:
+    """The truth of an object.
+
+    Args:
+        data: the data folder, to which the HDRIs' paths are relative.
+    Raises:
+        ArmError: it is missing or damaged.
+    """
+    try:
+        record = json.loads((item.folder / RECORD).read_text(encoding="utf-8"))
+        with np.load(item.folder / ARRAYS) as file:
+            arrays = {name: file[name] for name in file.files}
+        lights = [data / record[name] for name in ("input_light", "other_light")]
+    except (OSError, ValueError, KeyError) as error:
+        raise ArmError(f"{item.folder}: no whole truth ({error}); remove the folder, it is rendered again") from error
+    views = _appearance(arrays)
+    return Truth(views.only(slice(None, -1)), views.only(slice(-1, None)), *lights)
+
+
+def _appearance(arrays: dict[str, np.ndarray]) -> Appearance:
+    rgba = _unit(arrays["rgba"])
+    return Appearance(
+        shards.cameras(arrays),
+        rgba[:, 3:],
+        _unit(arrays["albedo"]),
+        _unit(arrays["roughness"][..., None]),
+        _unit(arrays["metallic"][..., None]),
+        lit=rgba[:, :3],
+        relit=_unit(arrays["relit"]),
+    )
+
+
+def _unit(pixels: np.ndarray) -> Tensor:
+    """(V, C, N, N) in [0, 1] of (V, N, N, C) uint8."""
+    return torch.from_numpy(pixels).permute(0, 3, 1, 2).float() / 255.0

@@ -1,0 +1,146 @@
+"""Render the truth of the evaluation into its cache, by Cycles: inputs, test views, and test views in another light."""
+
+import logging
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import bpy
+import numpy as np
+import torch
+
+from arm_blender.errors import ArmError
+from arm_blender.files import staging, write_json
+from arm_blender.graphics.cameras import Camera
+from arm_blender.graphics.color import linear_from_srgb
+from arm_blender.views.image_io import write_png
+from arm_blender.views.transforms_json import write_transforms
+
+from ..datasets.render_blender import SCRATCH, RenderConfig, configure_cycles, render_view
+from ..datasets.scene_blender import (
+    add_aovs,
+    blender_environments,
+    import_object,
+    make_opaque,
+    mean_radiance,
+    normalise,
+    principled,
+    set_world,
+    triangles,
+)
+from ..datasets.shards import save_arrays
+from .protocol import EXPOSURE, UNMEASURED, EvaluationEntry, Protocol, chosen_for
+from .truth import ARRAYS, FRONT, RECORD, is_whole
+
+logger = logging.getLogger(__name__)
+
+SPECULAR_LEVEL = 0.5
+"""Of the Principled BSDF: 4 % of reflection, as of every material that this program makes."""
+
+Pictures = list[dict[str, np.ndarray]]
+
+
+def render_missing(
+    entries: Sequence[EvaluationEntry], cache: Path, data: Path, lights: dict[str, list[Path]], protocol: Protocol
+) -> None:
+    """Render every object that is not in the cache yet.
+
+    Args:
+        cache: folder of the protocol.
+        data: what the files of lights are relative to in the records.
+        lights: HDRIs of "train" for the inputs and of "eval" for the other light.
+    Raises:
+        ArmError: an object cannot be rendered; those before it are kept.
+    """
+    missing = [entry for entry in entries if not is_whole(cache / entry.name)]
+    for index, entry in enumerate(missing):
+        logger.info("rendering the truth: %d of %d, %s", index + 1, len(missing), entry.name)
+        first, other = (chosen_for(entry.name, lights[split]) for split in ("train", "eval"))
+        try:
+            with staging(cache) as stage:
+                _render(entry, first, other, stage / entry.name, protocol)
+                record = {"input_light": _name(first, data), "other_light": _name(other, data)}
+                write_json(stage / entry.name / RECORD, record | {"kind": entry.kind, "file": entry.path.name})
+                (stage / entry.name).replace(cache / entry.name)
+        except RuntimeError as error:  # Blender's importers raise it on a broken file.
+            raise ArmError(f"{entry.path}: cannot be rendered ({error}); leave it out with --ids") from error
+
+
+def environments(lights: dict[str, list[Path]]) -> dict[str, list[Path]]:
+    """The HDRIs of both splits; without any of a split Blender's own, one half for each."""
+    own = blender_environments()
+    return {"train": lights["train"] or own[::2], "eval": lights["eval"] or own[1::2]}
+
+
+def _name(hdri: Path, data: Path) -> str:
+    """Relative to the data folder where it lies there, so that both may move."""
+    return str(hdri.relative_to(data) if hdri.is_relative_to(data) else hdri)
+
+
+def _render(entry: EvaluationEntry, first: Path, other: Path, folder: Path, protocol: Protocol) -> None:
+    objects = import_object(entry.path)
+    normalise(objects)
+    vertices, faces = triangles(objects)
+    for material in bpy.data.materials:
+        make_opaque(material)
+        if not entry.has_material:
+            _set_unmeasured(material)
+    prepare_render(protocol.resolution, protocol.samples)
+    light(first)
+    inputs = render_pictures(protocol.inputs())
+    tests = (*protocol.tests(), protocol.front())
+    lit = render_pictures(tests)
+    light(other)
+    relit = render_pictures(tests[:-1])
+    write_views(folder, inputs, protocol.inputs())
+    write_views(folder / FRONT, lit[-1:], tests[-1:])
+    save_arrays(folder / "mesh.npz", {"vertices": vertices, "faces": faces.astype(np.int32)})
+    names = ("rgba", "albedo", "roughness", "metallic", "depth")
+    arrays = {name: np.stack([view[name] for view in lit]) for name in names}
+    # The front view comes last and has no other light of its own.
+    arrays["relit"] = np.stack([view["rgba"][..., :3] for view in (*relit, lit[-1])])
+    arrays["c2w"] = torch.stack([camera.c2w for camera in tests]).numpy()
+    arrays["K"] = torch.stack([camera.K for camera in tests]).numpy()
+    save_arrays(folder / ARRAYS, arrays)
+
+
+def prepare_render(resolution: int, samples: int) -> None:
+    """Cycles and the passes of the open scene."""
+    configure_cycles(RenderConfig(resolution, samples))
+    add_aovs()
+
+
+def light(hdri: Path) -> None:
+    """Light the scene by an HDRI of the protocol's exposure."""
+    set_world(hdri, 0.0, EXPOSURE / max(mean_radiance(hdri), 1e-3))
+
+
+def render_pictures(cameras: Sequence[Camera]) -> Pictures:
+    """What each camera sees of the open scene."""
+    with tempfile.TemporaryDirectory(dir=SCRATCH) as scratch:
+        return [render_view(camera, Path(scratch)) for camera in cameras]
+
+
+def write_views(folder: Path, pictures: Pictures, cameras: Sequence[Camera]) -> None:
+    """Pictures with their cameras, as a user would bring them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    names = [f"{index:03d}.png" for index in range(len(pictures))]
+    for name, picture in zip(names, pictures, strict=True):
+        rgba = torch.from_numpy(picture["rgba"]).permute(2, 0, 1) / 255.0
+        write_png(folder / name, torch.cat([linear_from_srgb(rgba[:3]), rgba[3:]]), srgb=True)
+    write_transforms(folder / "transforms.json", names, tuple(cameras))
+
+
+def _set_unmeasured(material: bpy.types.Material) -> None:
+    """The finish that is agreed on for scans without one, with a dielectric's usual highlight.
+
+    A scan's .mtl says that it has none (Ks 0), which no roughness could change.
+    """
+    node = principled(material)
+    if node is None:
+        return
+    node.inputs["Specular IOR Level"].default_value = SPECULAR_LEVEL
+    for name, value in zip(("Roughness", "Metallic"), UNMEASURED, strict=True):
+        for link in list(node.inputs[name].links):
+            material.node_tree.links.remove(link)
+        node.inputs[name].default_value = value
