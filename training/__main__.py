@@ -36,6 +36,7 @@ STAGES = {
     "georm-surface": ("training.stages.georm_surface", "GeoRM, by rasterising its surface: the paper's second stage"),
     "glossyrm-points": ("training.stages.glossyrm_points", "GlossyRM, warmed up at surface points"),
     "glossyrm": ("training.stages.glossyrm", "GlossyRM, on the surface that GeoRM finds: the paper's way"),
+    "glossyrm-calibration": ("training.stages.glossyrm_calibration", "GlossyRM, moved to measured materials"),
     "material-prior": ("training.stages.material_prior", "InstantAlbedo's encoder, on materials that are known"),
     "instant-albedo": ("training.stages.instant_albedo", "InstantAlbedo: albedo and lighting-baked colour"),
 }

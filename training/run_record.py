@@ -46,13 +46,12 @@ class RunRecord:
 
     @classmethod
     def beside(cls, output: Path, arguments: Mapping[str, Any]) -> "RunRecord":
-        """In runs/NAME/ beside the output NAME.safetensors, whose folder is made; of the first process alone.
+        """In runs/NAME/ beside the output NAME.safetensors; of the first process alone.
 
         Raises:
             OutputError: the folder cannot be written.
         """
         check_output(output.parent)
-        output.parent.mkdir(parents=True, exist_ok=True)
         return cls(output.parent / "runs" / output.stem if distributed.rank() == 0 else None, arguments)
 
     def rewind(self, step: int) -> None:

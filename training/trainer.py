@@ -42,7 +42,7 @@ class Trainer:
     Args:
         model: trained in place, on the device where it is.
         config: of the loop.
-        resume: file of the loop's state; continued from if it exists.
+        resume: file of the loop's state; continued from if it exists. Its folder is made.
         record: of what happens; None logs lines only.
     Raises:
         CheckpointError: `resume` is of another network, or of another seed.
@@ -50,6 +50,7 @@ class Trainer:
 
     def __init__(self, model: nn.Module, config: TrainerConfig, resume: Path, record: RunRecord | None = None) -> None:
         distributed.join()
+        resume.parent.mkdir(parents=True, exist_ok=True)
         self.model, self.config, self.resume = model, config, resume
         self.record = record or RunRecord(None)
         # A frozen parameter that was given a gradient, if only of zeros, would still decay.
