@@ -193,6 +193,7 @@ def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report,
     albedo, baked = paint(views, texels, seen, base, settings, report, part(progress, 0.3, 0.6))
     del seen, base, colors, weight
     roughness, metallic = gloss(mesh, views, texels, settings, report, part(progress, 0.6, 1.0))
+    albedo = maps.without_reflection(albedo, metallic, PRESETS[settings.preset].reflectance)
     return MaterialMaps(maps.pad(albedo, texels.mask), maps.pad(baked, texels.mask), roughness, metallic)
 
 
