@@ -96,8 +96,8 @@ def test_scans_without_a_finish_get_the_agreed_one(data, asset):
     """And the highlight that every material of ours has, whatever the scan's file says of its own."""
     imported = truth_blender.import_object
 
-    def matte(path):
-        objects = imported(path)
+    def matte(path, up):
+        objects = imported(path, up)
         for material in bpy.data.materials:
             truth_blender.principled(material).inputs["Specular IOR Level"].default_value = 0.0
         return objects

@@ -51,7 +51,7 @@ def file_appearance(
     Raises:
         ArmError: the format is another.
     """
-    import_object(path)
+    import_object(path, "Z")
     for item in [o for o in bpy.data.objects if o.parent is None]:
         item.matrix_world = Matrix(motion.tolist()) @ item.matrix_world
     bpy.context.view_layer.update()

@@ -88,6 +88,11 @@ class EvaluationEntry:
         """Whether roughness and metallic were measured, and count."""
         return self.kind not in ("gso", "omniobject3d")
 
+    @property
+    def up(self) -> str:
+        """The axis that points up in an OBJ; scans of both sets stand on Z, which no OBJ can say."""
+        return "Y" if self.has_material else "Z"
+
 
 def chosen_for(name: str, choices: Sequence[Choice]) -> Choice:
     """One of the choices, the same for this object in every run."""

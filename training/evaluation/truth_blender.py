@@ -16,18 +16,9 @@ from arm_blender.graphics.color import linear_from_srgb
 from arm_blender.views.image_io import write_png
 from arm_blender.views.transforms_json import write_transforms
 
-from ..datasets.render_blender import SCRATCH, RenderConfig, configure_cycles, render_view
-from ..datasets.scene_blender import (
-    add_aovs,
-    blender_environments,
-    import_object,
-    make_opaque,
-    mean_radiance,
-    normalise,
-    principled,
-    set_world,
-    triangles,
-)
+from ..datasets.lighting_blender import blender_environments, mean_radiance, set_world
+from ..datasets.passes_blender import SCRATCH, RenderConfig, configure_cycles, render_view
+from ..datasets.scene_blender import add_aovs, import_object, make_opaque, normalise, principled, triangles
 from ..datasets.shards import save_arrays
 from .protocol import EXPOSURE, UNMEASURED, EvaluationEntry, Protocol, chosen_for
 from .truth import ARRAYS, FRONT, RECORD, is_whole
@@ -78,7 +69,7 @@ def _name(hdri: Path, data: Path) -> str:
 
 
 def _render(entry: EvaluationEntry, first: Path, other: Path, folder: Path, protocol: Protocol) -> None:
-    objects = import_object(entry.path)
+    objects = import_object(entry.path, entry.up)
     normalise(objects)
     vertices, faces = triangles(objects)
     for material in bpy.data.materials:
