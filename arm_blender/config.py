@@ -74,6 +74,10 @@ MAXIMUM_THREADS = 1024
 """More is a slip of the finger, and the system may refuse to start them."""
 
 
+NETWORKS = ("georm", "glossyrm", "instant_albedo")
+"""Of every preset."""
+
+
 SHORTEST_LIMIT = 5.0
 """Seconds: twice what the charts of half a million faces take on two cores before anything can be given up."""
 
@@ -108,6 +112,9 @@ class Settings:
     """For tests: a seed of random weights for all networks, instead of those in files. The result means nothing."""
     normal_map: bool = False
     """Keep the detail that decimation takes as a normal map."""
+    weights_folder: Path | None = None
+    """Of weights of the user's own, named as those that ship, such as small.georm.safetensors; for what it lacks those
+    that ship are taken."""
 
     def __post_init__(self) -> None:
         for name, value, known in (
@@ -131,6 +138,9 @@ class Settings:
         for name, seed in (("seed", self.seed), ("random-weights", self.random_weights)):
             if seed is not None and not 0 <= seed < 2**63:
                 raise ArmError(f"--{name} {seed}: give 0 to 2**63 - 1")
+        if self.weights_folder is not None and not any(map(self.brings, NETWORKS)):
+            names = ", ".join(self.weights(network).name for network in NETWORKS)
+            raise ArmError(f"--weights {self.weights_folder}: holds none of {names}; name the trained files so")
 
     def _check_machine(self) -> None:
         """Raises `ArmError` where this machine, or this build of torch, has not what the settings ask for."""
@@ -153,4 +163,10 @@ class Settings:
     def weights(self, network: str) -> Path:
         """The weights file of "georm", "glossyrm" or "instant_albedo"."""
         own = self.preset if network == "georm" else PRESETS[self.preset].material or self.preset
-        return checkpoints.shipped(f"{own}.{network}")
+        shipped = checkpoints.shipped(f"{own}.{network}")
+        brought = self.weights_folder / shipped.name if self.weights_folder is not None else shipped
+        return brought if brought.is_file() else shipped
+
+    def brings(self, network: str) -> bool:
+        """Whether the weights of a network are the user's own, from `weights_folder`."""
+        return self.weights_folder is not None and self.weights(network).parent == self.weights_folder

@@ -44,6 +44,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="the folder of the result")
     networks = parser.add_argument_group("quality and time")
     networks.add_argument("--preset", default="small", help="networks: small, paper or instantmesh (default: small)")
+    networks.add_argument(
+        "--weights", type=Path, metavar="DIR", help="weights that you trained, named as those that ship"
+    )
     networks.add_argument("--quality", default="balanced", help="draft, balanced or final (default: balanced)")
     networks.add_argument("--texture-size", type=int, metavar="N", help="largest texels a side, a power of two")
     networks.add_argument("--faces", type=int, metavar="N", help="face budget")
@@ -190,7 +193,7 @@ def settings_of(args: argparse.Namespace) -> Settings:
     if args.time_limit is not None:
         values["time_limit"] = args.time_limit
     try:
-        return Settings(**values)
+        return Settings(**values, weights_folder=args.weights)
     except ArmError as error:
         raise UsageError(str(error)) from error
 

@@ -60,6 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quality", default="balanced", choices=QUALITIES)
     parser.add_argument("--grid", type=int, help="samples a side; the quality's by default")
     parser.add_argument("--faces", type=int, help="face budget; the quality's by default")
+    parser.add_argument("--weights", type=Path, metavar="DIR", help="other weights, by the names of the shipped ones")
     parser.add_argument("--run-time", action="store_true", help="a column with the seconds per object")
     parser.add_argument("--no-sheets", action="store_true", help="no picture per object")
     parser.add_argument(
@@ -81,7 +82,9 @@ def add_object_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure every object, then write `results.md`, `results.json` and a sheet per object."""
-    settings = Settings(args.preset, args.quality, grid=args.grid, faces=args.faces, device=args.device)
+    settings = Settings(
+        args.preset, args.quality, grid=args.grid, faces=args.faces, device=args.device, weights_folder=args.weights
+    )
     objects = evaluation_objects(args.views, args.data, tuple(args.set), args.split)[: args.limit]
     check_output(args.output)
     args.output.mkdir(parents=True, exist_ok=True)
@@ -175,8 +178,9 @@ def as_json(results: list[ObjectResult], settings: Settings) -> dict:
             return {key: finite(inner) for key, inner in value.items()}
         return None if isinstance(value, float) and not math.isfinite(value) else value
 
+    folder = settings.weights_folder
     return {
-        "settings": asdict(settings),
+        "settings": asdict(settings) | {"weights_folder": folder and str(folder)},
         "samples": SAMPLES,
         "mean": {which: finite(asdict(mean_scores(results, which))) for which in ("ours", "hull")},
         "objects": [finite(asdict(result)) for result in results],
