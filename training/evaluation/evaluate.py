@@ -178,9 +178,8 @@ def as_json(results: list[ObjectResult], settings: Settings) -> dict:
             return {key: finite(inner) for key, inner in value.items()}
         return None if isinstance(value, float) and not math.isfinite(value) else value
 
-    folder = settings.weights_folder
     return {
-        "settings": asdict(settings) | {"weights_folder": folder and str(folder)},
+        "settings": asdict(settings),
         "samples": SAMPLES,
         "mean": {which: finite(asdict(mean_scores(results, which))) for which in ("ours", "hull")},
         "objects": [finite(asdict(result)) for result in results],
