@@ -74,10 +74,6 @@ MAXIMUM_THREADS = 1024
 """More is a slip of the finger, and the system may refuse to start them."""
 
 
-NETWORKS = ("georm", "glossyrm", "instant_albedo")
-"""Of every preset."""
-
-
 SHORTEST_LIMIT = 5.0
 """Seconds: twice what the charts of half a million faces take on two cores before anything can be given up."""
 
@@ -138,9 +134,6 @@ class Settings:
         for name, seed in (("seed", self.seed), ("random-weights", self.random_weights)):
             if seed is not None and not 0 <= seed < 2**63:
                 raise ArmError(f"--{name} {seed}: give 0 to 2**63 - 1")
-        if self.weights_folder is not None and not any(map(self.brings, NETWORKS)):
-            names = ", ".join(self.weights(network).name for network in NETWORKS)
-            raise ArmError(f"--weights {self.weights_folder}: holds none of {names}; name the trained files so")
 
     def _check_machine(self) -> None:
         """Raises `ArmError` where this machine, or this build of torch, has not what the settings ask for."""

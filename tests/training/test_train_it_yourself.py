@@ -19,7 +19,8 @@ from PIL import Image
 
 import training.__main__ as command
 from arm_blender.__main__ import parser as arm_parser
-from arm_blender.config import NETWORKS, Settings
+from arm_blender.config import Settings
+from arm_blender.networks import NETWORKS
 from training.datasets.point_samples import is_held_out
 
 ROOT = Path(command.__file__).parents[1]
