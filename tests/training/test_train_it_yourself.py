@@ -102,13 +102,13 @@ def textured(folder: Path, name: str, mesh: trimesh.Trimesh, seed: int) -> None:
     """A GLB with a chequered colour and maps of roughness and metallic."""
     draws = np.random.default_rng(seed)
     colors = draws.integers(30, 230, (2, 3))
-    cells = np.indices((16, 16)).sum(axis=0) % 2
+    cells = (np.indices((16, 16)) // 8).sum(axis=0) % 2
     gloss = np.stack([np.zeros_like(cells), 60 + 120 * cells, 255 * (cells if seed % 3 == 0 else 0 * cells)], axis=-1)
     material = trimesh.visual.material.PBRMaterial(
         baseColorTexture=Image.fromarray(colors[cells].astype(np.uint8)),
         metallicRoughnessTexture=Image.fromarray(gloss.astype(np.uint8)),
     )
-    uv = 3.0 * (mesh.vertices[:, :2] + 0.5 * mesh.vertices[:, 2:])
+    uv = 1.5 * (mesh.vertices[:, :2] + 0.5 * mesh.vertices[:, 2:])
     mesh.visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
     folder.mkdir(parents=True, exist_ok=True)
     mesh.export(folder / f"{name}.glb")
