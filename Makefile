@@ -4,6 +4,7 @@
 # make extension     the extension's zips with their libraries, and a repository's index -> out/extension/
 # make test-blender  those zips in every supported Blender: install, generate, relight, export, uninstall
 # make test-ui  the panel in a real Blender window, measured; needs a Debian and root -> docs/user-interface.md
+# make test-train  follows docs/train-it-yourself.md: every stage of the training, with the objects of ARM_DATA or made-up ones
 # PYTHON=...    the Python 3.11 to make .venv with; EXAMPLE=... the views of the demo
 # PLATFORMS=... TORCH_INDEX=...  of `make extension`; PYTHON_313=... TORCH_313=...  of `make test-blender`
 
@@ -13,7 +14,7 @@ EXAMPLE ?= $(patsubst %/,%,$(firstword $(dir $(wildcard examples/*/transforms.js
 BIN := .venv/bin
 READY := .venv/.installed
 
-.PHONY: all demo test lint bench extension test-blender test-ui clean
+.PHONY: all demo test lint bench extension test-blender test-ui test-train clean
 
 all: $(READY)
 
@@ -50,6 +51,9 @@ test-blender: extension
 
 test-ui: $(READY)
 	$(BIN)/python tools/window_run.py --write
+
+test-train: $(READY)
+	$(BIN)/python -m pytest -q -m long
 
 clean:
 	rm -rf out .pytest_cache .ruff_cache

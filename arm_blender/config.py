@@ -115,6 +115,9 @@ class Settings:
     """For tests: a seed of random weights for all networks, instead of those in files. The result means nothing."""
     normal_map: bool = False
     """Keep the detail that decimation takes as a normal map."""
+    weights_folder: Path | None = None
+    """Of weights of the user's own, named as those that ship, such as small.georm.safetensors; for what it lacks those
+    that ship are taken."""
 
     def __post_init__(self) -> None:
         for name, value, known in (
@@ -160,4 +163,10 @@ class Settings:
     def weights(self, network: str) -> Path:
         """The weights file of "georm", "glossyrm" or "instant_albedo"."""
         own = self.preset if network == "georm" else PRESETS[self.preset].material or self.preset
-        return checkpoints.shipped(f"{own}.{network}")
+        shipped = checkpoints.shipped(f"{own}.{network}")
+        brought = self.weights_folder / shipped.name if self.weights_folder is not None else shipped
+        return brought if brought.is_file() else shipped
+
+    def brings(self, network: str) -> bool:
+        """Whether the weights of a network are the user's own, from `weights_folder`."""
+        return self.weights_folder is not None and self.weights(network).parent == self.weights_folder

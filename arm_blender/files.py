@@ -50,13 +50,14 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def write_json(path: Path, data: Any) -> None:
-    """`data` as indented JSON in `path`, whole or not at all.
+    """`data` as indented JSON in `path`, whole or not at all; paths as text.
 
     Raises:
         OutputError: the file cannot be written.
     """
     with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+        text = json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False, default=os.fspath)
+        temporary.write_text(text + "\n", encoding="utf-8")
 
 
 @contextmanager

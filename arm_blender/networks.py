@@ -51,7 +51,8 @@ def check_weights(settings: Settings, report: Report, given_shape: bool = False)
     for name in NETWORKS:
         if name != "georm" or not given_shape:
             header = checkpoints.read_header(settings.weights(name))
-            report.weights[header["name"]] = header.get("licence") or known.get(header["name"], "your own")
+            licence = header.get("licence") or known.get(header["name"], "your own")
+            report.weights[header["name"]] = "your own" if settings.brings(name) else licence
 
 
 def load(name: str, settings: Settings) -> nn.Module:

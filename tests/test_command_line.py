@@ -125,12 +125,14 @@ def test_json_is_all_there_is_on_stdout(pipeline, picture, tmp_path, capsys):
 def test_the_words_reach_the_settings(pipeline, picture, tmp_path):
     words = "--quality final --texture-size 512 --faces 777 --grid 40 --dense --seed 3 --threads 2 --time-limit 9"
     words += " --precision bfloat16 --random-weights 4"
+    words += f" --weights {ROOT / 'arm_blender' / 'weights'}"
     assert run("generate", picture, "--output", tmp_path / "out", *words.split(), "--view-weights", "2.5") == 0
     views, settings = pipeline[0]
     assert views.weights.tolist() == [2.5] and settings.quality == "final"
     assert (settings.texture_size, settings.faces, settings.grid, settings.dense) == (512, 777, 40, True)
     assert (settings.seed, settings.threads, settings.time_limit) == (3, 2, 9.0)
     assert (settings.precision, settings.random_weights) == ("bfloat16", 4)
+    assert settings.weights_folder == ROOT / "arm_blender" / "weights"
 
 
 @pytest.fixture
@@ -307,6 +309,7 @@ def test_missing_weights_are_one_line(picture, tmp_path, capsys, monkeypatch):
         ["generate", "VIEWS", "--output", "OUT", "--seed", "99999999999999999999"],
         ["generate", "VIEWS", "--output", "OUT", "--random-weights", "-1"],
         ["generate", "VIEWS", "--output", "OUT", "--precision", "half"],
+        ["generate", "VIEWS", "--output", "OUT", "--weights", "nowhere"],
         ["generate", "VIEWS", "--output", "OUT", "--device", "tpu"],
         ["generate", "VIEWS", "--output", "OUT", "--device", "cuda:0"],
         ["generate", "VIEWS", "--output", "OUT", "--view-weights", "1,-1"],

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -21,6 +22,14 @@ def test_a_write_that_fails_leaves_the_older_file(tmp_path):
         raise RuntimeError
     assert json.loads(path.read_text()) == {"old": True}
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_json_takes_paths_as_text_and_nothing_else_that_it_does_not_know(tmp_path):
+    files.write_json(tmp_path / "a.json", {"folder": Path("weights", "own"), "none": None})
+    assert json.loads((tmp_path / "a.json").read_text()) == {"folder": str(Path("weights", "own")), "none": None}
+    with pytest.raises(TypeError):
+        files.write_json(tmp_path / "b.json", {"bad": object()})
+    assert not (tmp_path / "b.json").exists()
 
 
 def test_an_output_that_cannot_be_is_refused_before_anything_is_made(tmp_path):

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import weakref
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -80,6 +81,20 @@ def test_weights_from_files_are_those_that_were_saved(files):
             assert torch.equal(tensor, other), path
         # What is no weight is there as well: a network that was built on the meta device runs.
         assert not any(tensor.is_meta for tensor in loaded.buffers())
+
+
+def test_own_weights_are_taken_by_their_names_and_what_they_lack_from_those_that_ship(files, tmp_path):
+    own = tmp_path / "own"
+    trained = networks.load("georm", replace(TINY, random_weights=7))
+    checkpoints.save(own / "paper.georm.safetensors", trained.state_dict(), trained.config, "paper.georm")
+    settings, plain = Settings(preset="paper", weights_folder=own), Settings(preset="paper")
+    for name in networks.NETWORKS:
+        expected = trained if name == "georm" else networks.load(name, plain)
+        for one, other in zip(networks.load(name, settings).parameters(), expected.parameters(), strict=True):
+            assert torch.equal(one, other), name
+    report = Report("paper", "cpu", 0)
+    networks.check_weights(settings, report)
+    assert report.weights["paper.georm"] == "your own"
 
 
 @pytest.mark.parametrize("large", [False, True])

@@ -44,6 +44,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="the folder of the result")
     networks = parser.add_argument_group("quality and time")
     networks.add_argument("--preset", default="small", help="networks: small, paper or instantmesh (default: small)")
+    networks.add_argument(
+        "--weights", type=Path, metavar="DIR", help="weights that you trained, named as those that ship"
+    )
     networks.add_argument("--quality", default="balanced", help="draft, balanced or final (default: balanced)")
     networks.add_argument("--texture-size", type=int, metavar="N", help="largest texels a side, a power of two")
     networks.add_argument("--faces", type=int, metavar="N", help="face budget")
@@ -181,18 +184,23 @@ def settings_of(args: argparse.Namespace) -> Settings:
     """The pipeline's settings.
 
     Raises:
-        UsageError: a value is out of range.
+        UsageError: a value is out of range, or the folder of weights has none.
     """
     from ..config import Settings
+    from ..networks import NETWORKS
 
     names = "preset quality texture_size faces grid dense seed device threads blend precision random_weights normal_map"
     values = {name: getattr(args, name) for name in names.split()}
     if args.time_limit is not None:
         values["time_limit"] = args.time_limit
     try:
-        return Settings(**values)
+        settings = Settings(**values, weights_folder=args.weights)
     except ArmError as error:
         raise UsageError(str(error)) from error
+    if args.weights is not None and not any(map(settings.brings, NETWORKS)):
+        names = ", ".join(settings.weights(network).name for network in NETWORKS)
+        raise UsageError(f"--weights {args.weights}: holds none of {names}; name the trained files so")
+    return settings
 
 
 def formats_of(args: argparse.Namespace) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ import torch
 import trimesh
 
 from arm_blender import pipeline
+from arm_blender.config import Settings
 from arm_blender.errors import EmptyMeshError
 from arm_blender.graphics.color import linear_from_srgb, srgb_from_linear
 from arm_blender.report import Report
@@ -22,11 +23,11 @@ from training.evaluation.image_scores import MISSED, PSNR_CAP
 from training.evaluation.measure import BLEND, HULL, ONE_VIEW, OURS, PICTURE, PROVIDER, SCALED, measure
 from training.evaluation.objects import EvaluationObject
 from training.evaluation.protocol import EvaluationEntry, Protocol
-from training.evaluation.trial import Trial, TrialSettings
+from training.evaluation.trial import Trial
 from training.evaluation.truth import FRONT, Truth
 
 PROTOCOL = Protocol(resolution=64, views=4)
-SETTINGS = TrialSettings(grid=32, faces=1000, texture_size=256)
+SETTINGS = Settings(grid=32, faces=1000, texture_size=256)
 
 
 @pytest.fixture(scope="module")

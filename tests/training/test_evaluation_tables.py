@@ -19,7 +19,7 @@ from training.evaluation.output import write_tables
 from training.evaluation.protocol import EvaluationEntry, Protocol
 from training.evaluation.report_text import as_json, means_table, objects_table, verdicts
 from training.evaluation.resume import kept_results
-from training.evaluation.trial import Trial, TrialSettings
+from training.evaluation.trial import Trial
 
 MAPS = ("albedo", "roughness", "metallic", "lit", "relit", "albedo scaled")
 
@@ -89,7 +89,7 @@ def test_a_network_that_does_not_beat_its_baseline_is_named():
 
 def test_weights_of_another_folder_stand_in_for_those_of_their_name(tmp_path):
     shipped = Settings()
-    other = TrialSettings(weights_folder=tmp_path)
+    other = Settings(weights_folder=tmp_path)
     assert other.weights("georm") == shipped.weights("georm")
     trained = tmp_path / shipped.weights("georm").name
     trained.touch()
@@ -166,11 +166,11 @@ def test_a_run_goes_on_with_what_is_of_the_same_trial(tmp_path):
     lost = result("lost", 0.2, 0.5)
     lost.systems[OURS] = SystemResult(FAILED, None, 0.0, {"lit": MISSED})
     results = [result("a", 0.9, 0.5), result("b", 0.8, 0.5, "gso"), lost]
-    trial = Trial(TrialSettings(), Protocol())
+    trial = Trial(Settings(), Protocol())
     assert kept_results(tmp_path, trial) == {}
     write_tables(tmp_path, results, Cost(math.nan, 2.0, 10.0), trial, "python -m training evaluate")
     assert kept_results(tmp_path, trial) == {item.name: item for item in results}
-    for other in (replace(trial, seed=1), replace(trial, settings=TrialSettings(quality="draft"))):
+    for other in (replace(trial, seed=1), replace(trial, settings=Settings(quality="draft"))):
         assert kept_results(tmp_path, other) == {}
     (tmp_path / "results.json").write_text("{}")
     assert kept_results(tmp_path, trial) == {}

@@ -1,5 +1,6 @@
 """The first stage of GeoRM: what its windows show is true, its loss falls, and the paper's sizes take a step."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -119,6 +120,26 @@ def test_shards_that_only_validate_are_refused(shards, tmp_path, capsys, monkeyp
     words = ["--shards", str(shards), "--output", str(tmp_path / "x.safetensors")]
     assert command.main(["fit", "georm-volume", *words]) == 1
     assert f"{shards}: all of its 3 samples only validate; render more objects" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words, limits", [(["0"], "1 to 48"), (["49"], "1 to 48"), (["16", "--feature-distance"], "32 to 48")]
+)
+def test_a_window_is_as_large_as_the_distance_needs_and_the_view_allows(shards, tmp_path, capsys, words, limits):
+    output = ["--shards", str(shards), "--output", str(tmp_path / "x.safetensors")]
+    assert command.main(["fit", "georm-volume", *output, "--window", *words]) == 1
+    assert f"--window {words[0]}: give {limits}" in capsys.readouterr().err
+
+
+def test_a_smaller_window_renders_fewer_rays(shards, tmp_path, monkeypatch):
+    rendered, render = [], georm_volume.render
+    monkeypatch.setattr(georm_volume, "SMALL_VOLUME", replace(FEW, views=2))
+    monkeypatch.setattr(
+        georm_volume, "render", lambda field, rays, *more: rendered.append(rays) or render(field, rays, *more)
+    )
+    output = ["--shards", str(shards), "--output", str(tmp_path / "x.safetensors"), "--steps", "1"]
+    assert command.main(["fit", "georm-volume", *output, "--window", "5"]) == 0
+    assert rendered[0].origins.shape[1] == 2 * 5 * 5
 
 
 @pytest.mark.parametrize("views", [6, 1])

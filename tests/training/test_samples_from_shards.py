@@ -8,12 +8,15 @@ import pytest
 import torch
 import trimesh
 
+from arm_blender import checkpoints
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.graphics.rasterize import interpolate, rasterize
+from arm_blender.models.georm import GeoRM
 from arm_blender.models.reconstruction import SMALL
 from arm_blender.structures import TriangleMesh, UvMesh
 from arm_blender.uv.unwrap import UnwrapConfig
 from training.datasets import atlases, outline_samples, point_samples, shard_writer, shards, view_samples
+from training.datasets.gloss_samples import Shapes
 
 SIZE = 24
 
@@ -86,6 +89,16 @@ def test_points(both, load):
 def test_views(both):
     one, other = ([view_samples.load(path, SMALL) for path in shards.rigs(place)] for place in both)
     assert len(one) == 4 and float(one[0].truth.mask.mean()) > 0.1
+    assert_same(one, other)
+
+
+def test_finish_on_shapes_of_a_network(both, tiny_network, tmp_path):
+    weights = tmp_path / "georm.safetensors"
+    torch.manual_seed(0)
+    checkpoints.save(weights, GeoRM(tiny_network).state_dict(), tiny_network, "georm")
+    shapes = Shapes(weights, 16, torch.device("cpu"))
+    one, other = ([shapes.load(path, tiny_network) for path in shards.rigs(place)[:2]] for place in both)
+    assert one[0].gloss.shape == (8, 2, SIZE, SIZE)
     assert_same(one, other)
 
 

@@ -14,7 +14,7 @@ from arm_blender.models.georm import GeoRM
 from arm_blender.models.glossyrm import GlossyRM
 from arm_blender.models.reconstruction import SMALL, EncodedViews, ReconstructionConfig
 from training import __main__ as command
-from training.datasets import point_samples
+from training.datasets import outline_samples, point_samples
 from training.stages.georm_occupancy import TEMPERATURE, intersection_over_union, occupancy_loss
 from training.stages.view_side import VIEW_SIDE, EveryStep, Once
 
@@ -84,6 +84,28 @@ def test_a_fit_leaves_weights_that_the_next_stage_and_the_program_load(shards, t
     for path, network in ((georm, GeoRM), (glossyrm, GlossyRM)):
         config, state = checkpoints.load(path, ReconstructionConfig)
         checkpoints.restore(network(config), state, path)
+
+
+POINT_STAGES = ["georm-outlines", "georm", "glossyrm-points"]
+
+
+@pytest.mark.parametrize("stage", POINT_STAGES)
+def test_a_few_objects_none_of_them_held_out_are_enough(shards, tmp_path, monkeypatch, stage):
+    for module in (point_samples, outline_samples):
+        monkeypatch.setattr(module, "is_held_out", lambda path: False)
+    words = ["--shards", str(shards), "--steps", "1", "--batch", "1", "--points", "64", "--log-every", "1"]
+    assert command.main(["fit", stage, *words, "--output", str(tmp_path / "x.safetensors")]) == 0
+    logged = (tmp_path / "runs" / "x" / "scalars.csv").read_text()
+    assert ",mean,loss," in logged and "validation" not in logged
+
+
+@pytest.mark.parametrize("stage", POINT_STAGES)
+def test_objects_that_were_not_prepared_are_one_line_that_says_how(shards, tmp_path, capsys, stage):
+    for path in shards.glob("*/occupancy.npz"):
+        path.unlink()
+    output = tmp_path / "x.safetensors"
+    assert command.main(["fit", stage, "--shards", str(shards), "--steps", "1", "--output", str(output)]) == 1
+    assert f"python -m training prepare --shards {shards}" in capsys.readouterr().err and not output.exists()
 
 
 @pytest.mark.parametrize("stage", ["georm", "glossyrm-points"])

@@ -58,11 +58,9 @@ class Shapes:
         """The sample of one `rig_<k>.npz`, for a GlossyRM of `network`."""
         sample = view_samples.load(path, network)
         vertices, faces = self._kept(path)
-        with np.load(path) as file:
-            gloss = np.stack([file["roughness"], file["metallic"]], axis=1)
-        return GlossSample(
-            sample.inputs, sample.c2w, sample.K, sample.truth, vertices, faces, torch.from_numpy(gloss).float() / 255.0
-        )
+        maps = shards.arrays(path, "roughness", "metallic")
+        gloss = torch.from_numpy(np.stack([maps["roughness"], maps["metallic"]], axis=1)).float() / 255.0
+        return GlossSample(sample.inputs, sample.c2w, sample.K, sample.truth, vertices, faces, gloss)
 
     def _kept(self, path: Path) -> tuple[Tensor, Tensor]:
         """Vertices (N, 3) world and faces (F, 3), from the folder where they are there."""

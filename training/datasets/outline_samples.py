@@ -82,7 +82,11 @@ class OutlineBatch:
 
 
 def load_solids(folder: Path) -> list[Solid]:
-    """The training objects of a folder of shards."""
+    """The training objects of a folder of shards.
+
+    Raises:
+        ArmError: there are none.
+    """
     solids = []
     for path in shards.meshes(folder):
         if is_held_out(path) or not path.with_name("occupancy.npz").exists():
@@ -95,6 +99,8 @@ def load_solids(folder: Path) -> list[Solid]:
             clouds = tuple(_cloud(rig) for rig in rigs)
             solids.append(Solid(mesh, points, distance, clouds))
     logger.info("%d solids", len(solids))
+    if not solids:
+        raise shards.nothing_prepared(folder)
     return solids
 
 

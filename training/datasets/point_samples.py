@@ -246,6 +246,8 @@ class SampleCache:
         favoured: names of objects that every other draw takes.
         pictures: as of `augmented`, of what `load` returns.
         held_out: samples of objects that are never drawn.
+    Raises:
+        ArmError: there is nothing to draw from.
     """
 
     def __init__(
@@ -259,6 +261,8 @@ class SampleCache:
         self.loaded: dict[Path, PointSample] = {}
         self.checked = -math.inf
         self.refresh()
+        if not self.training:
+            raise shards.nothing_prepared(folder)
 
     def refresh(self) -> None:
         """Read new files; at most once a minute."""

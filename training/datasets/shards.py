@@ -25,6 +25,8 @@ from arm_blender.files import whole_file
 from arm_blender.graphics.cameras import Camera
 from arm_blender.structures import TriangleMesh
 
+from .manifest import read_manifest
+
 INDEXES = "[0-9]*.json"
 """Names of the shards' indexes. A tar without one is not finished, and is not read."""
 
@@ -133,11 +135,20 @@ def real_objects(data: Path | None) -> frozenset[str]:
     """Names of the scanned and measured objects of a data folder; none without a folder.
 
     They are few among many low-poly ones, and what users bring looks like them.
+
+    Raises:
+        ArmError: the folder has no manifest, or one that cannot be read.
     """
     if data is None:
         return frozenset()
-    manifest = json.loads((Path(data) / "manifest.json").read_text())
-    return frozenset(entry["id"] for entry in manifest["objects"] if entry["set"] in ("gso", "pbr"))
+    return frozenset(entry["id"] for entry in read_manifest(data)["objects"] if entry["set"] in ("gso", "pbr"))
+
+
+def nothing_prepared(shards: Path) -> ArmError:
+    """What a stage that learns at points says of a folder without an object to train on."""
+    return ArmError(
+        f"{shards}: no prepared object to train on; `python -m training prepare --shards {shards}`, or render more"
+    )
 
 
 def cameras(arrays: dict[str, np.ndarray]) -> tuple[Camera, ...]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import torch
 
 from arm_blender import pipeline
+from arm_blender.config import Settings
 from arm_blender.errors import ArmError, EmptyMeshError
 from arm_blender.graphics.color import linear_from_srgb, srgb_from_linear
 from arm_blender.report import Report
@@ -20,7 +21,7 @@ from .geometry import FAILED, GeometryScores, ceiling, compare
 from .image_scores import MISSED, ImageScores, ViewMoments, compare_pictures, mask_overlap, moments
 from .objects import EvaluationObject
 from .protocol import UNMEASURED, EvaluationEntry
-from .trial import Trial, TrialSettings
+from .trial import Trial
 from .truth import FRONT, Appearance, Truth
 
 logger = logging.getLogger(__name__)
@@ -129,7 +130,7 @@ def scaled_albedo(found: Appearance, truth: Appearance) -> torch.Tensor:
     return srgb_from_linear(own * factor)
 
 
-def _generate(views: ViewSet, settings: TrialSettings) -> tuple[RelightableAsset | None, Report | None]:
+def _generate(views: ViewSet, settings: Settings) -> tuple[RelightableAsset | None, Report | None]:
     try:
         return pipeline.generate(views, settings)
     except EmptyMeshError as error:

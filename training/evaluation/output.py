@@ -6,13 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from arm_blender.checkpoints import sha256
+from arm_blender.config import Settings
 from arm_blender.files import write_json
 
 from .bars import Cost, bars_table
 from .measure import ObjectResult
 from .report_text import as_json, finite, means_table, objects_table, verdicts
 from .results import paragraphs, write_text
-from .trial import NETWORKS, Trial, TrialSettings
+from .trial import NETWORKS, Trial
 
 RESULTS = "results.json"
 
@@ -33,7 +34,7 @@ def write_tables(folder: Path, results: Sequence[ObjectResult], cost: Cost | Non
 def trial_record(trial: Trial) -> dict[str, Any]:
     """What the numbers depend on, for JSON: the settings with the hash of their weights, and the protocol."""
 
-    def described(settings: TrialSettings) -> dict[str, Any]:
+    def described(settings: Settings) -> dict[str, Any]:
         values = {name: value for name, value in asdict(settings).items() if name != "weights_folder"}
         return values | {"weights": {name: sha256(settings.weights(name)) for name in NETWORKS}}
 

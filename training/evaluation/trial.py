@@ -19,23 +19,10 @@ NETWORKS = ("georm", "glossyrm", "instant_albedo")
 
 
 @dataclass(frozen=True)
-class TrialSettings(Settings):
-    """Settings that take weights from a folder, by the names of those that ship; what it lacks is the shipped file."""
-
-    weights_folder: Path | None = None
-    """None for all that ships."""
-
-    def weights(self, network: str) -> Path:
-        shipped = super().weights(network)
-        other = self.weights_folder / shipped.name if self.weights_folder is not None else shipped
-        return other if other.is_file() else shipped
-
-
-@dataclass(frozen=True)
 class Trial:
     """What every object goes through."""
 
-    settings: TrialSettings
+    settings: Settings
     """Of the system that is evaluated."""
     protocol: Protocol
     """What the truth was rendered by."""
@@ -51,7 +38,7 @@ class Trial:
     """Try the one true view and the bare picture as well."""
     perceptual: Perceptual | None = None
     """LPIPS, where its weights are at hand."""
-    others: dict[str, TrialSettings] = field(default_factory=dict)
+    others: dict[str, Settings] = field(default_factory=dict)
     """Further weights by the names of their rows, for ablations."""
     provider: Callable[[str], ViewOptions] | None = None
     """How six views of an object's one picture are drawn, by its name; None tries none."""
@@ -84,23 +71,23 @@ def add_trial_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def trial_settings(args: argparse.Namespace, weights: Path | None = None) -> TrialSettings:
+def trial_settings(args: argparse.Namespace, weights: Path | None = None) -> Settings:
     """The settings that the words ask for; `weights` over those of the words.
 
     Raises:
         ArmError: a value does not do, or a folder of weights has none of the names.
     """
     folder = weights or args.weights
-    settings = TrialSettings(
+    settings = Settings(
         args.preset, args.quality, grid=args.grid, faces=args.faces, device=args.device, weights_folder=folder
     )
-    if folder is not None and not any(settings.weights(name).parent == folder for name in NETWORKS):
-        names = ", ".join(TrialSettings(args.preset).weights(name).name for name in NETWORKS)
+    if folder is not None and not any(map(settings.brings, NETWORKS)):
+        names = ", ".join(Settings(args.preset).weights(name).name for name in NETWORKS)
         raise ArmError(f"{folder}: holds none of {names}; name the trained files so")
     return settings
 
 
-def other_settings(args: argparse.Namespace) -> dict[str, TrialSettings]:
+def other_settings(args: argparse.Namespace) -> dict[str, Settings]:
     """The settings of every row that `--also` asks for.
 
     Raises:

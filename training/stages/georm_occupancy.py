@@ -89,6 +89,8 @@ def validate(samples: list[PointSample], logit: Callable[[NetworkViews, Tensor],
     Args:
         logit: of the occupancy (B, P) that compact views show at world points (B, P, 3).
     """
+    if not samples:
+        return {}
     ours, hull = [], []
     for sample in samples:
         views, points, truth = sample.views, sample.points[None].float(), sample.target[:, 0] > 0

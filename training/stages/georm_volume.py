@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from arm_blender.config import PRESETS
+from arm_blender.errors import ArmError
 from arm_blender.models.georm import RAW_ISO, GeoRM
 from arm_blender.models.reconstruction import EncodedViews
 
@@ -101,6 +102,7 @@ def picture(model: GeoRM, sample: ViewSample, config: VolumeConfig) -> Tensor:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What `python -m training fit georm-volume` takes."""
     rendered_views.add_arguments(parser)
+    parser.add_argument("--window", type=int, help="pixels a side of what is rendered of a view; a step's time")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -109,7 +111,11 @@ def run(args: argparse.Namespace) -> int:
     network = PRESETS[args.preset].georm
     config = SMALL_VOLUME if args.preset == "small" else VolumeConfig()
     share = config.fewer_views if args.fewer_views is None else args.fewer_views
-    config = replace(config, perceptual=perceptual(args), fewer_views=share)
+    window = config.window if args.window is None else args.window
+    least = 32 if args.lpips or args.feature_distance else 1  # Those distances take no less.
+    if not least <= window <= config.resolutions[0]:
+        raise ArmError(f"--window {window}: give {least} to {config.resolutions[0]}")
+    config = replace(config, perceptual=perceptual(args), fewer_views=share, window=window)
     whole = replace(config, fewer_views=0.0)
     stage = ViewStage(
         "georm",

@@ -35,6 +35,8 @@ DEPTH_WEIGHT = 0.1
 @torch.no_grad()
 def validate(model: GlossyRM, samples: list[PointSample], constant: Tensor, side: EveryStep | Once) -> dict[str, float]:
     """Mean absolute errors on objects that training never sees, beside those of the training mean, a (2,) constant."""
+    if not samples:
+        return {}
     errors = []
     for sample in samples:
         truth = sample.target.float()
