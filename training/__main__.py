@@ -19,6 +19,7 @@ COMMANDS = {
     "rasterized": ("training.datasets.rasterized_blender", "compare views rasterised on the fly with Cycles'"),
     "shards": ("training.datasets.shard_report", "tell what shards hold, check them, and what more would cost"),
     "prepare": ("training.datasets.occupancy", "sample signed distances to the rendered objects"),
+    "calibrate": ("training.stages.glossyrm_calibration", "move GlossyRM's answers to measured materials"),
     "evaluate": ("training.evaluation.evaluate", "measure shape, colours, materials and relighting against the truth"),
     "sweep": ("training.evaluation.sweep", "error against run time, each knob in turn"),
     "quality-levels": ("training.evaluation.quality_levels", "hand the sweep's levels on to Blender's panel"),
@@ -36,7 +37,6 @@ STAGES = {
     "georm-surface": ("training.stages.georm_surface", "GeoRM, by rasterising its surface: the paper's second stage"),
     "glossyrm-points": ("training.stages.glossyrm_points", "GlossyRM, warmed up at surface points"),
     "glossyrm": ("training.stages.glossyrm", "GlossyRM, on the surface that GeoRM finds: the paper's way"),
-    "glossyrm-calibration": ("training.stages.glossyrm_calibration", "GlossyRM, moved to measured materials"),
     "material-prior": ("training.stages.material_prior", "InstantAlbedo's encoder, on materials that are known"),
     "instant-albedo": ("training.stages.instant_albedo", "InstantAlbedo: albedo and lighting-baked colour"),
 }

@@ -1,5 +1,6 @@
 """Fitting InstantAlbedo, on a painted cube whose texture is known: what is prepared, compared, augmented, learned."""
 
+import argparse
 import math
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 import torch
 
 from arm_blender import checkpoints
+from arm_blender.config import PRESETS
 from arm_blender.errors import ArmError
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.graphics.color import linear_from_srgb, srgb_from_linear
@@ -264,3 +266,11 @@ def test_samples_of_an_earlier_version_are_refused_and_made_anew(tmp_path, cache
     assert not atlases.is_current(tmp_path / "a.rig_0.npz") and atlases.is_current(cache / "a.rig_0.npz")
     with pytest.raises(ArmError, match="a.rig_0.npz: made by an earlier version"):
         atlases.load(tmp_path / "a.rig_0.npz", 0)
+
+
+def test_every_preset_has_its_size():
+    parser = argparse.ArgumentParser()
+    stage.add_arguments(parser)
+    for preset, config in stage.SIZES.items():
+        args = parser.parse_args(["--cache", "c", "--output", "o", "--preset", preset])
+        assert stage.SIZES[args.preset] == PRESETS[preset].instant_albedo == config

@@ -44,7 +44,7 @@ def shift(logits: Sequence[Tensor], truth: Sequence[Tensor]) -> float:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What `python -m training fit glossyrm-calibration` takes."""
+    """What `python -m training calibrate` takes."""
     parser.add_argument("--shards", type=Path, required=True)
     parser.add_argument("--data", type=Path, help="folder whose manifest tells which objects are measured")
     parser.add_argument("--start", type=Path, required=True, help="GlossyRM's weights")

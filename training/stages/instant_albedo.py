@@ -16,7 +16,7 @@ from torch import Tensor
 from arm_blender import checkpoints
 from arm_blender.errors import ArmError
 from arm_blender.graphics.color import srgb_from_linear
-from arm_blender.models.instant_albedo import SMALL, Ablation, InstantAlbedo, InstantAlbedoConfig
+from arm_blender.models.instant_albedo import PAPER, SMALL, Ablation, InstantAlbedo, InstantAlbedoConfig
 from arm_blender.models.material_encoder import MaterialEncoderConfig
 
 from .. import distributed, options
@@ -33,6 +33,10 @@ from ..run_record import RunRecord
 from ..trainer import Trainer
 
 logger = logging.getLogger(__name__)
+
+
+SIZES = {"small": SMALL, "paper": PAPER}
+"""The network of each preset."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +106,8 @@ def fit(
         "material_prior": "random" if material_prior is None else material_prior.name,
     }
     if distributed.rank() == 0:
-        checkpoints.save(output, averaged.state_dict(), config, "small.instant_albedo", metadata, half=True)
+        name = next((preset for preset, sized in SIZES.items() if sized == config), "own")
+        checkpoints.save(output, averaged.state_dict(), config, f"{name}.instant_albedo", metadata, half=True)
     return averaged
 
 
@@ -220,6 +225,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--size", type=int, default=192, help="texels a side of the prepared atlases")
     parser.add_argument("--views", type=int, default=FitConfig.views, help="truth views compared in a step")
     parser.add_argument("--lpips", type=Path, help="weights of LPIPS (VGG); without them its term is left out")
+    parser.add_argument("--preset", choices=SIZES, default="small", help="sizes of the network")
     parser.add_argument("--material-prior", type=Path, help="weights of `fit material-prior` for the encoder")
     parser.add_argument("--ablation", choices=get_args(Ablation), default="none", help="leave a part out")
     parser.add_argument("--rasterized", type=float, default=0.0, help="share of samples rasterised on the fly, 0 to 1")
@@ -236,7 +242,7 @@ def run(args: argparse.Namespace) -> int:
         config, record = options.config(args), RunRecord.beside(args.output, vars(args))
         perceptual = Lpips.from_file(args.lpips) if args.lpips else None
         settings = FitConfig(views=args.views, perceptual=perceptual, rasterized=args.rasterized)
-        own = SMALL.ablated(args.ablation)
+        own = SIZES[args.preset].ablated(args.ablation)
         fit(args.cache, own, args.output, config, args.seed, settings, args.material_prior, _rasterized(args), record)
     return 0
 
