@@ -248,10 +248,12 @@ def _standing(seen: TexelViews, weights: Tensor, config: BlendConfig) -> Tensor:
 
 
 def _around(plane: Tensor, radius: int) -> Tensor:
-    """(T, T) mean of `plane` around every texel: two boxes, one after the other."""
+    """(T, T) mean of `plane` around every texel: two boxes, one after the other, each along rows and columns."""
+    side, plane = 2 * radius + 1, plane[None]
     for _ in range(2):
-        plane = avg_pool2d(plane[None], 2 * radius + 1, stride=1, padding=radius)[0]
-    return plane
+        plane = avg_pool2d(plane, (1, side), stride=1, padding=(0, radius))
+        plane = avg_pool2d(plane, (side, 1), stride=1, padding=(radius, 0))
+    return plane[0]
 
 
 def _vote(colors: Tensor, trusted: Tensor, config: BlendConfig) -> Tensor:
