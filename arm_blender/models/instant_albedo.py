@@ -180,8 +180,8 @@ class InstantAlbedo(nn.Module):
             material = None
             if self.encoder is not None:
                 material = self.encoder(composite(srgb_from_linear(image[:3]), image[3:], 1.0)[None])[0]
-            inputs = self._view_inputs(seen, view, texels, surface, material, size)
-            visible = inputs[3:4]
+            visible = _cells(seen.visibility[view][None].float(), resolution)
+            inputs = self._view_inputs(seen, view, visible, texels, surface, material, size)
             features = self.unet(inputs[None])[0]
             features = _resize(features, resolution).masked_fill(visible == 0, torch.finfo(features.dtype).min)
             fused = features if fused is None else torch.maximum(fused, features)
@@ -192,6 +192,7 @@ class InstantAlbedo(nn.Module):
         self,
         seen: TexelViews,
         view: int,
+        visible: Tensor,
         texels: TexelMap,
         surface: Tensor,
         material: Tensor | None,
@@ -202,7 +203,6 @@ class InstantAlbedo(nn.Module):
         Image or material are absent where the ablation leaves them out.
         """
         mask = seen.visibility[view]
-        visible = _cells(mask[None].float(), surface.shape[-1])
         direction = _mean(seen.direction(view, texels.position), visible)
         uv = _texture_coordinates(surface) * (surface[:1] > 0)
         parts = [visible, surface[1:4], uv, direction, surface[4:]]

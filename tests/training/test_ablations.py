@@ -9,6 +9,7 @@ import torch
 from arm_blender import checkpoints
 from arm_blender.config_json import config_from_dict
 from arm_blender.errors import CheckpointError
+from arm_blender.models import instant_albedo
 from arm_blender.models.ffc import FfcConfig, FfcGenerator
 from arm_blender.models.instant_albedo import Ablation, InstantAlbedo, InstantAlbedoConfig
 from arm_blender.models.material_encoder import MaterialEncoderConfig
@@ -113,6 +114,18 @@ def test_what_is_left_out_is_not_seen(sample, ablation):
     assert torch.equal(before, recolored) == (ablation == "no-measurements")
     assert torch.equal(before, repainted) == (ablation == "no-material-prior")
     assert torch.equal(before, rebased) == (ablation in ("no-measurements", "no-super-resolution"))
+
+
+@pytest.mark.parametrize("ablation", ABLATIONS)
+def test_views_are_fused_where_they_see(sample, ablation):
+    model = built(ablation)
+    hidden = torch.zeros_like(sample.texels.mask)
+    hidden[:, ::2] = True
+    seen = replace(sample.seen, visibility=sample.seen.visibility & ~hidden)
+    surface = instant_albedo._surface(sample.texels, sample.texels.mask.shape[-1])
+    with torch.no_grad():
+        known = model._fuse_views(sample.images, sample.texels, seen, surface)[1]
+    assert torch.equal(known[0] > 0.0, seen.visibility.any(dim=0))
 
 
 def test_the_local_network_has_no_spectral_branch():
