@@ -15,6 +15,7 @@ from arm_blender.models.pixel_aligned import PixelAlignedConfig
 from arm_blender.models.reconstruction import ReconstructionConfig
 from arm_blender.models.transformer import TransformerConfig
 from arm_blender.models.triplane import DecoderConfig, UpsamplerConfig
+from training.stages import rendered_views
 from training.volume_rendering import pixel_rays
 
 _TINY = ReconstructionConfig(
@@ -78,3 +79,19 @@ def ball_shards(tmp_path) -> Path:
         np.savez(folder / "mesh.npz", vertices=vertices, faces=sphere.faces)
         np.savez(folder / "rig_0.npz", **ball_views(radius, torch.tensor(center)))
     return tmp_path / "shards"
+
+
+@pytest.fixture
+def shards(ball_shards, monkeypatch) -> Path:
+    """Three balls; the last is held out."""
+    monkeypatch.setattr(rendered_views, "is_held_out", lambda path: path.parent.name == "three")
+    return ball_shards
+
+
+@pytest.fixture
+def one_thread():
+    """Networks of this size only wait for each other's threads."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)

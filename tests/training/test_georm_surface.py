@@ -1,7 +1,6 @@
 """The second stage of GeoRM: what it renders is true, its loss falls, and without a surface one is pulled out."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 import torch
@@ -14,26 +13,12 @@ from training import __main__ as command
 from training.datasets import view_samples
 from training.datasets.view_samples import ViewSample
 from training.losses import SurfaceMaps
-from training.stages import georm_surface, rendered_views
+from training.stages import georm_surface
 from training.stages.georm_surface import SurfaceConfig, pull_towards_truth, sample_loss
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 FEW = SurfaceConfig(grid=24, side=32, views=4, points=256)
-
-
-@pytest.fixture
-def shards(ball_shards, monkeypatch) -> Path:
-    """Three balls; the last is held out."""
-    monkeypatch.setattr(rendered_views, "is_held_out", lambda path: path.parent.name == "three")
-    return ball_shards
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    """Networks of this size only wait for each other's threads."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 class Solid(torch.nn.Module):

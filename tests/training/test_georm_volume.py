@@ -1,7 +1,6 @@
 """The first stage of GeoRM: what its windows show is true, its loss falls, and the paper's sizes take a step."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 import torch
@@ -17,25 +16,11 @@ from training.stages import georm_volume, rendered_views
 from training.stages.georm_volume import VolumeConfig, rendering_loss, sample_loss
 from training.volume_rendering import SamplingConfig
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 FEW = VolumeConfig(SamplingConfig(coarse=12, fine=12), views=3, window=8, resolutions=(10, 16))
 SIZE = 48
 """Pixels of a view of the balls."""
-
-
-@pytest.fixture
-def shards(ball_shards, monkeypatch) -> Path:
-    """Three balls; the last is held out."""
-    monkeypatch.setattr(rendered_views, "is_held_out", lambda path: path.parent.name == "three")
-    return ball_shards
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    """Networks of this size only wait for each other's threads."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 class Solid(torch.nn.Module):

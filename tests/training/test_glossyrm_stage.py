@@ -17,16 +17,9 @@ from training.datasets.gloss_samples import GlossSample, Shapes
 from training.stages import glossyrm, rendered_views
 from training.stages.glossyrm import GlossyConfig, rendered, sample_loss, validation_terms
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 FEW = GlossyConfig(grid=24, side=32, views=4)
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    """Networks of this size only wait for each other's threads."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 @pytest.fixture

@@ -22,7 +22,7 @@ from ..picture_grid import grid, normals
 from ..surface_rendering import iso_surface, surface_maps
 from ..volume_rendering import RawDensity
 from . import rendered_views
-from .rendered_views import ViewStage, encode, fit, perceptual
+from .rendered_views import ViewStage, asked_for, encode, fit
 
 
 @dataclass(frozen=True)
@@ -132,8 +132,7 @@ def run(args: argparse.Namespace) -> int:
     torch.manual_seed(args.seed)
     network = PRESETS[args.preset].georm
     config = SMALL_SURFACE if args.preset == "small" else SurfaceConfig()
-    share = config.fewer_views if args.fewer_views is None else args.fewer_views
-    config = replace(config, perceptual=perceptual(args), fewer_views=share)
+    config = replace(config, **asked_for(args, config.fewer_views))
     whole = replace(config, fewer_views=0.0)
     stage = ViewStage(
         "georm",

@@ -21,7 +21,7 @@ from ..losses import GeometryLossConfig, Perceptual, SurfaceMaps, geometry_loss
 from ..picture_grid import grid, normals
 from ..volume_rendering import Rays, SamplingConfig, draw, render
 from . import rendered_views
-from .rendered_views import ViewStage, encode, fit, perceptual
+from .rendered_views import ViewStage, asked_for, encode, fit
 
 
 @dataclass(frozen=True)
@@ -110,12 +110,11 @@ def run(args: argparse.Namespace) -> int:
     torch.manual_seed(args.seed)
     network = PRESETS[args.preset].georm
     config = SMALL_VOLUME if args.preset == "small" else VolumeConfig()
-    share = config.fewer_views if args.fewer_views is None else args.fewer_views
     window = config.window if args.window is None else args.window
     least = 32 if args.lpips or args.feature_distance else 1  # Those distances take no less.
     if not least <= window <= config.resolutions[0]:
         raise ArmError(f"--window {window}: give {least} to {config.resolutions[0]}")
-    config = replace(config, perceptual=perceptual(args), fewer_views=share, window=window)
+    config = replace(config, **asked_for(args, config.fewer_views), window=window)
     whole = replace(config, fewer_views=0.0)
     stage = ViewStage(
         "georm",

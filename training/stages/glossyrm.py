@@ -26,7 +26,7 @@ from ..losses import ImageLossConfig, Perceptual, image_loss
 from ..picture_grid import grid
 from ..surface_rendering import POINTS_AT_ONCE
 from . import rendered_views
-from .rendered_views import ViewStage, encode, fit, perceptual
+from .rendered_views import ViewStage, asked_for, encode, fit
 
 MAPS = ("roughness", "metallic")
 
@@ -151,8 +151,7 @@ def run(args: argparse.Namespace) -> int:
     """Train and write the averaged weights."""
     torch.manual_seed(args.seed)
     config = SMALL_GLOSSY if args.preset == "small" else GlossyConfig()
-    share = config.fewer_views if args.fewer_views is None else args.fewer_views
-    config = replace(config, perceptual=perceptual(args), fewer_views=share)
+    config = replace(config, **asked_for(args, config.fewer_views))
     model = start(args.preset, args.georm)
     shapes = Shapes(args.georm, config.grid, distributed.device(args.device), args.shapes)
     stage = ViewStage(

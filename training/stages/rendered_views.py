@@ -68,11 +68,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--device", default="cpu", help="cpu or cuda; under torchrun each process takes its own")
 
 
-def perceptual(args: argparse.Namespace) -> Perceptual | None:
-    """The perceptual distance that the arguments ask for."""
+def asked_for(args: argparse.Namespace, fewer_views: float) -> dict[str, Perceptual | float | None]:
+    """The fields of a stage's config that the arguments say: "perceptual", and "fewer_views" or the given default."""
     if args.feature_distance:
-        return FeatureDistance.installed()
-    return Lpips.from_file(args.lpips) if args.lpips else None
+        perceptual = FeatureDistance.installed()
+    else:
+        perceptual = Lpips.from_file(args.lpips) if args.lpips else None
+    return {"perceptual": perceptual, "fewer_views": fewer_views if args.fewer_views is None else args.fewer_views}
 
 
 def encode(
