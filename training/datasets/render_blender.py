@@ -38,10 +38,10 @@ from .scene_blender import (
     has_finish_map,
     import_object,
     loose_points,
-    make_opaque,
     materials,
     normalise,
     principled,
+    reduce_to_brdf,
     triangles,
     vary_material,
 )
@@ -168,7 +168,7 @@ def prepare_object(
     if not measured and not sample.any_material:
         raise ArmError("no roughness or metallic map")
     for material in used:
-        make_opaque(material)
+        reduce_to_brdf(material)
         if not measured:
             vary_material(material, rng)
     add_aovs()

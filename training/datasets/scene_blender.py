@@ -117,21 +117,35 @@ def principled(material: bpy.types.Material) -> bpy.types.Node | None:
     return next((n for n in tree.nodes if n.type == "BSDF_PRINCIPLED"), None) if tree else None
 
 
-def make_opaque(material: bpy.types.Material) -> None:
-    """Transmission and transparency are outside of the paper's BRDF; they would end up in the albedo's truth."""
+BEYOND_THE_BRDF = {
+    "Transmission Weight": 0.0,
+    "Coat Weight": 0.0,
+    "Sheen Weight": 0.0,
+    "Emission Strength": 0.0,
+    "IOR": 1.5,
+    "Specular IOR Level": 0.5,
+    "Specular Tint": (1.0, 1.0, 1.0, 1.0),
+}
+"""Sockets of the Principled BSDF that the paper's BRDF has no parameter for, with the values that it implies: an opaque
+surface that reflects 4 % if it is no metal. An .mtl with Ks 0, as those of scans, says that it reflects nothing."""
+
+
+def reduce_to_brdf(material: bpy.types.Material) -> None:
+    """Take away what the paper's BRDF cannot say (ARM, supplement); it would end up in the albedo's truth."""
     node = principled(material)
     if node is None:
         return
-    for name, value in (
-        ("Transmission Weight", 0.0),
-        ("Coat Weight", 0.0),
-        ("Sheen Weight", 0.0),
-        ("Emission Strength", 0.0),
-    ):
-        socket = node.inputs[name]
-        for link in list(socket.links):
-            material.node_tree.links.remove(link)
-        socket.default_value = value
+    for name, value in BEYOND_THE_BRDF.items():
+        set_constant(material, node.inputs[name], value)
+
+
+def set_constant(
+    material: bpy.types.Material, socket: bpy.types.NodeSocket, value: float | tuple[float, float, float, float]
+) -> None:
+    """One value for an input of a node of a material, whatever has driven it."""
+    for link in list(socket.links):
+        material.node_tree.links.remove(link)
+    socket.default_value = value
 
 
 def complete_materials(objects: list[bpy.types.Object]) -> None:
@@ -172,12 +186,10 @@ def vary_material(material: bpy.types.Material, rng: np.random.Generator) -> Non
     node = principled(material)
     if node is None:
         return
-    for name in ("Roughness", "Metallic"):
-        for link in list(node.inputs[name].links):
-            material.node_tree.links.remove(link)
     metal = rng.random() < 0.25
-    node.inputs["Metallic"].default_value = float(metal)
-    node.inputs["Roughness"].default_value = float(rng.uniform(0.08, 0.6) if metal else rng.uniform(0.15, 1.0))
+    roughness = rng.uniform(0.08, 0.6) if metal else rng.uniform(0.15, 1.0)
+    set_constant(material, node.inputs["Metallic"], float(metal))
+    set_constant(material, node.inputs["Roughness"], float(roughness))
     if metal and not node.inputs["Base Color"].is_linked and rng.random() < 0.7:
         node.inputs["Base Color"].default_value = (*METALS[rng.integers(len(METALS))], 1.0)
 

@@ -33,7 +33,8 @@ CAMERA = (
 
 PARTS = ".parts"
 
-FORMAT = "arm-shards-1"
+FORMAT = "arm-shards-2"
+"""Raised where the same settings render something else than before, too: a folder never holds both."""
 
 
 def begin(output: Path, settings: dict[str, Any]) -> None:

@@ -15,7 +15,7 @@ from arm_blender.blender.scene import build_object
 from arm_blender.graphics.cameras import Camera
 from arm_blender.structures import RelightableAsset
 
-from ..datasets.scene_blender import import_object, make_opaque
+from ..datasets.scene_blender import import_object, reduce_to_brdf
 from .baselines import ColoredMesh
 from .protocol import Protocol
 from .truth import Appearance
@@ -56,7 +56,7 @@ def file_appearance(
         item.matrix_world = Matrix(motion.tolist()) @ item.matrix_world
     bpy.context.view_layer.update()
     for material in bpy.data.materials:
-        make_opaque(material)
+        reduce_to_brdf(material)
     prepare_render(protocol.resolution, protocol.asset_samples)
     light(lights[0])
     pictures = render_pictures(cameras)

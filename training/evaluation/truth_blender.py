@@ -18,15 +18,20 @@ from arm_blender.views.transforms_json import write_transforms
 
 from ..datasets.lighting_blender import blender_environments, mean_radiance, set_world
 from ..datasets.passes_blender import SCRATCH, RenderConfig, configure_cycles, render_view
-from ..datasets.scene_blender import add_aovs, import_object, make_opaque, normalise, principled, triangles
+from ..datasets.scene_blender import (
+    add_aovs,
+    import_object,
+    normalise,
+    principled,
+    reduce_to_brdf,
+    set_constant,
+    triangles,
+)
 from ..datasets.shards import save_arrays
 from .protocol import EXPOSURE, UNMEASURED, EvaluationEntry, Protocol, chosen_for
 from .truth import ARRAYS, FRONT, RECORD, is_whole
 
 logger = logging.getLogger(__name__)
-
-SPECULAR_LEVEL = 0.5
-"""Of the Principled BSDF: 4 % of reflection, as of every material that this program makes."""
 
 Pictures = list[dict[str, np.ndarray]]
 
@@ -73,7 +78,7 @@ def _render(entry: EvaluationEntry, first: Path, other: Path, folder: Path, prot
     normalise(objects)
     vertices, faces = triangles(objects)
     for material in bpy.data.materials:
-        make_opaque(material)
+        reduce_to_brdf(material)
         if not entry.has_material:
             _set_unmeasured(material)
     prepare_render(protocol.resolution, protocol.samples)
@@ -123,15 +128,9 @@ def write_views(folder: Path, pictures: Pictures, cameras: Sequence[Camera]) -> 
 
 
 def _set_unmeasured(material: bpy.types.Material) -> None:
-    """The finish that is agreed on for scans without one, with a dielectric's usual highlight.
-
-    A scan's .mtl says that it has none (Ks 0), which no roughness could change.
-    """
+    """The finish that is agreed on for scans without one."""
     node = principled(material)
     if node is None:
         return
-    node.inputs["Specular IOR Level"].default_value = SPECULAR_LEVEL
     for name, value in zip(("Roughness", "Metallic"), UNMEASURED, strict=True):
-        for link in list(node.inputs[name].links):
-            material.node_tree.links.remove(link)
-        node.inputs[name].default_value = value
+        set_constant(material, node.inputs[name], value)
