@@ -2,13 +2,15 @@
 
 import json
 import os
+import platform
 import re
 import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -89,6 +91,44 @@ def staging(directory: Path) -> Iterator[Path]:
             os.close(lock)
         if not existed and directory.is_dir() and not any(directory.iterdir()):
             directory.rmdir()
+
+
+@contextmanager
+def only_writer(directory: Path) -> Iterator[None]:
+    """Nobody else is inside such a block for `directory`, which is made where it is missing.
+
+    The lock ends with its process, even if that is killed. Where there are no locks the file `.writer` takes its place,
+    and outlives a process that is killed: the error then says that it may be removed.
+
+    Raises:
+        OutputError: another process writes there, or the folder cannot be made.
+    """
+    release = _claim(directory)
+    try:
+        yield
+    finally:
+        release()
+
+
+def _claim(directory: Path) -> Callable[[], None]:
+    """Takes the lock of `only_writer`; what gives it back."""
+    check_output(directory)
+    mark = directory / ".writer"
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        lock = _lock(directory)
+        if lock is not None:
+            return partial(os.close, lock)
+        with mark.open("x", encoding="utf-8") as file:
+            file.write(f"process {os.getpid()} of {platform.node()}\n")
+    except BlockingIOError as error:
+        raise OutputError(f"{directory}: another run writes here; wait for it, or choose another --output") from error
+    except FileExistsError as error:
+        line = f"{directory}: another run writes here ({mark.name} names it)"
+        raise OutputError(f"{line}; wait for it, or remove {mark} if it has ended") from error
+    except OSError as error:
+        raise OutputError(f"{directory}: cannot be made ({error.strerror}); choose another --output") from error
+    return partial(mark.unlink, missing_ok=True)
 
 
 def clear_unfinished(directory: Path) -> None:

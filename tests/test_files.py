@@ -84,3 +84,51 @@ def test_a_folder_with_nothing_but_leftovers_goes_with_them(tmp_path):
     (tmp_path / "out" / f"{files.UNFINISHED}x").mkdir(parents=True)
     files.clear_unfinished(tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
+
+
+def claimed(directory: Path) -> None:
+    with files.only_writer(directory):
+        pass
+
+
+def test_a_folder_has_one_writer_until_it_is_done_or_dead(tmp_path):
+    source = f"""
+import sys
+from pathlib import Path
+from arm_blender import files
+with files.only_writer(Path({str(tmp_path / "out")!r})):
+    print("inside", flush=True)
+    sys.stdin.read()
+"""
+    other = subprocess.Popen([sys.executable, "-c", source], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    other.stdout.readline()
+    with pytest.raises(OutputError, match="another run writes here; wait for it, or choose another --output"):
+        claimed(tmp_path / "out")
+    claimed(tmp_path / "elsewhere")
+    other.kill()
+    other.wait()
+    with pytest.raises(RuntimeError), files.only_writer(tmp_path / "out"):
+        raise RuntimeError
+    claimed(tmp_path / "out")
+    assert not list((tmp_path / "out").iterdir())
+
+
+def test_without_locks_a_file_stands_for_the_writer(tmp_path, monkeypatch):
+    monkeypatch.setattr(files, "fcntl", None)
+    mark = tmp_path / "out" / ".writer"
+    with pytest.raises(RuntimeError), files.only_writer(tmp_path / "out"):
+        assert f"process {os.getpid()} of " in mark.read_text()
+        with pytest.raises(OutputError, match=f"wait for it, or remove {mark} if it has ended"):
+            claimed(tmp_path / "out")
+        assert mark.exists()
+        raise RuntimeError
+    claimed(tmp_path / "out")
+    mark.touch()  # As a killed process leaves it.
+    with pytest.raises(OutputError):
+        claimed(tmp_path / "out")
+
+
+def test_a_folder_that_cannot_be_has_no_writer(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(OutputError, match="file: is a file"):
+        claimed(tmp_path / "file")

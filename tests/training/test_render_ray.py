@@ -72,9 +72,9 @@ def test_a_machine_that_is_lost_leaves_no_trace(tmp_path, monkeypatch, cluster):
     for name, distribute, seconds in (("alone", here, 0.0), ("cluster", distributed, 0.2)):
         output, log = tmp_path / name, tmp_path / f"{name}_log"
         log.mkdir()
-        shard_writer.begin(output, {})
         words = {"output": str(output), "log": str(log), "seconds": seconds}
-        assert render_dataset(objects(20), output, 8, words, distribute) == (20, 18)
+        with shard_writer.writing(output, {}):
+            assert render_dataset(objects(20), output, 8, words, distribute) == (20, 18)
         made[name] = {path.name: path.read_bytes() for path in output.iterdir() if path.is_file()}
     assert made["cluster"] == made["alone"] and len(made["alone"]) == 1 + 2 * 3
     processes = {path.name.split(".")[1] for path in (tmp_path / "cluster_log").iterdir() if path.name[:3] != "o7."}
@@ -97,7 +97,6 @@ def test_blender_renders_in_the_tasks_of_a_cluster(tmp_path, cluster):
         assets.append(Asset(path.stem, str(path), path.name))
     for name in ("alone", "cluster"):
         output = tmp_path / name
-        shard_writer.begin(output, {})
         words = {
             "output": str(output),
             "render": {"resolution": 16, "samples": 1, "denoise": False, "gpu": False},
@@ -109,7 +108,8 @@ def test_blender_renders_in_the_tasks_of_a_cluster(tmp_path, cluster):
             "alone": lambda items, words: side_by_side(items, 1, TASK, words),
             "cluster": partial(over_machines, module=TASK, address=cluster.address, cpus=1, gpus=0),
         }[name]
-        assert render_dataset(assets, output, 2, words, distribute) == (4, 3)
+        with shard_writer.writing(output, {}):
+            assert render_dataset(assets, output, 2, words, distribute) == (4, 3)
         made[name] = [path.read_bytes() for path in sorted(Path(output).glob("*.tar"))]
         assert len(shards.rigs(output)) == 3
     assert made["cluster"] == made["alone"] and made["alone"]

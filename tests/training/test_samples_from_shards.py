@@ -51,15 +51,16 @@ def both(tmp_path, monkeypatch) -> tuple[Path, Path]:
     points = np.random.default_rng(0).uniform(-1, 1, (2000, 3)).astype(np.float16)
     occupancy = {"points": points, "distance": (0.8 - np.linalg.norm(points, axis=1)).astype(np.float16)}
     folder, packed = tmp_path / "folder", tmp_path / "packed"
-    shard_writer.begin(packed, {})
+    files = {"mesh.npz": mesh, "rig_0.npz": rig, "rig_1.npz": rig}
+    with shard_writer.writing(packed, {}):
+        for key in ("ball", "other"):
+            shard_writer.save_part(packed, {"key": key, "source": key, "dropped": None}, files, {})
+        shard_writer.pack(packed, ["ball", "other"])
     for key in ("ball", "other"):
-        files = {"mesh.npz": mesh, "rig_0.npz": rig, "rig_1.npz": rig}
         for name, arrays in files.items():
             shards.save_arrays(folder / key / name, arrays)
-        shard_writer.save_part(packed, {"key": key, "source": key, "dropped": None}, files, {})
         for place in (folder, packed):
             shards.save_arrays(place / key / "occupancy.npz", occupancy)
-    shard_writer.pack(packed, ["ball", "other"])
     return folder, packed
 
 

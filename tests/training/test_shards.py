@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from arm_blender.errors import ArmError
+from arm_blender.files import only_writer
 from training.__main__ import main
 from training.datasets import occupancy, shard_writer, shards
 from training.datasets.assets import find_assets
@@ -50,8 +51,8 @@ def assets(tmp_path):
 
 
 def make(assets, output: Path, distribute=in_turn, size: int = 4) -> tuple[int, int]:
-    shard_writer.begin(output, SETTINGS)
-    return render_dataset(assets, output, size, {"output": str(output)}, distribute)
+    with shard_writer.writing(output, SETTINGS):
+        return render_dataset(assets, output, size, {"output": str(output)}, distribute)
 
 
 def contents(output: Path) -> dict[str, bytes]:
@@ -199,7 +200,30 @@ def test_the_report_counts_reasons_and_computes_the_cost_from_the_index(assets, 
 def test_other_settings_do_not_mix_into_a_folder(assets, tmp_path):
     make(assets, tmp_path / "shards")
     with pytest.raises(ArmError, match=r"other settings \(samples\); choose another --output"):
-        shard_writer.begin(tmp_path / "shards", SETTINGS | {"samples": 2})
+        with shard_writer.writing(tmp_path / "shards", SETTINGS | {"samples": 2}):
+            raise AssertionError("it was begun")
+
+
+def test_a_second_run_into_the_same_folder_is_refused_and_touches_nothing(assets, tmp_path, capsys):
+    """Not even what would be a leftover if nobody were at work."""
+    output = tmp_path / "shards"
+    words = ["render", str(tmp_path / "assets"), "--output", str(output)]
+
+    def another_starts(items, words_of_task):
+        (output / shard_writer.PARTS / ".half.1.part.tar").touch()
+        before = contents(output)
+        assert main(words) == 1
+        assert "another run writes here; wait for it, or choose another --output" in capsys.readouterr().err
+        assert contents(output) == before and (output / shard_writer.PARTS / ".half.1.part.tar").exists()
+        return in_turn(items, words_of_task)
+
+    assert make(assets, output, another_starts) == (6, 5)
+    make(assets, output)
+    assert not list((output / shard_writer.PARTS).iterdir())
+    with only_writer(tmp_path / "views"):
+        assert main([*words[:-1], str(tmp_path / "views"), "--layout", "views"]) == 1
+    assert f"{tmp_path / 'views'}: another run writes here" in capsys.readouterr().err
+    assert not list((tmp_path / "views").iterdir())
 
 
 def test_distances_are_written_beside_the_shards(assets, tmp_path, monkeypatch):

@@ -18,6 +18,7 @@ import OpenImageIO as oiio
 
 from arm_blender.commands.workers import Answer, side_by_side
 from arm_blender.errors import ArmError
+from arm_blender.files import only_writer
 
 from . import shard_writer
 from .assets import Asset, find_assets, in_order, manifest_assets
@@ -68,7 +69,8 @@ def run(args: argparse.Namespace) -> int:
     assets, hdris, own_hdris = chosen(args)
     render = {"resolution": args.resolution, "samples": args.samples, "denoise": not args.no_denoise}
     if args.layout == "views":
-        return _render_views(assets, hdris, args, render)
+        with only_writer(args.output):
+            return _render_views(assets, hdris, args, render)
     sample = {
         "cameras": args.cameras,
         "views": args.views,
@@ -92,8 +94,8 @@ def run(args: argparse.Namespace) -> int:
         from .render_ray import over_machines
 
         distribute = partial(over_machines, module=TASK, address=args.ray, cpus=args.ray_cpus, gpus=args.ray_gpus)
-    shard_writer.begin(args.output, settings)
-    attempted, rendered = render_dataset(assets, args.output, args.shard_size, words, distribute)
+    with shard_writer.writing(args.output, settings):
+        attempted, rendered = render_dataset(assets, args.output, args.shard_size, words, distribute)
     logger.info("%d of %d objects rendered", rendered, attempted)
     return 1 if attempted and not rendered else 0
 
@@ -134,7 +136,7 @@ def render_dataset(
     """Render what is not rendered yet, and pack shards as soon as all of their objects are there.
 
     Args:
-        output: begun by `shard_writer.begin`.
+        output: inside of `shard_writer.writing`.
         words: of the task.
         distribute: where the tasks run.
     Returns:

@@ -12,14 +12,15 @@ import hashlib
 import io
 import json
 import tarfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from arm_blender.errors import ArmError
-from arm_blender.files import clear_unfinished, whole_file, write_json
+from arm_blender.files import clear_unfinished, only_writer, whole_file, write_json
 from arm_blender.version import VERSION
 
 from .shards import INDEXES, read_index, read_indexes
@@ -37,16 +38,26 @@ FORMAT = "arm-shards-2"
 """Raised where the same settings render something else than before, too: a folder never holds both."""
 
 
-def begin(output: Path, settings: dict[str, Any]) -> None:
-    """Make or take up a folder of shards; what killed processes left half-done is taken away.
+@contextmanager
+def writing(output: Path, settings: dict[str, Any]) -> Iterator[None]:
+    """Make or take up a folder of shards, which no other run may write into until the block ends.
+
+    What killed processes left half-done is taken away. The tasks of a run write inside of its block: they have no lock
+    of their own, wherever they run.
 
     Args:
         settings: JSON, whatever decides what the shards hold.
     Raises:
         ArmError: it holds shards that were made otherwise.
-        OutputError: it cannot be written.
+        OutputError: another run writes into it, or it cannot be written.
     """
-    (output / PARTS).mkdir(parents=True, exist_ok=True)
+    with only_writer(output / PARTS):
+        _take_up(output, settings)
+        yield
+
+
+def _take_up(output: Path, settings: dict[str, Any]) -> None:
+    """What killed processes left goes, and the index says how the shards are made."""
     head = {"format": FORMAT, "version": VERSION, "camera": CAMERA, "settings": settings}
     place = output / "index.json"
     if place.exists():
@@ -64,7 +75,7 @@ def begin(output: Path, settings: dict[str, Any]) -> None:
     clear_unfinished(output)
     finished = {record["key"] for index in read_indexes(output) for record in index["objects"]}
     for path in (output / PARTS).iterdir():
-        if path.name.startswith(".") or path.stem in finished:
+        if path.match(".*.part.*") or path.stem in finished:
             path.unlink(missing_ok=True)
 
 
