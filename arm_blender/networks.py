@@ -13,6 +13,7 @@ from torch import nn
 
 from . import checkpoints
 from .config import PRESETS, Settings
+from .errors import CheckpointError
 from .interruptible import interruptible
 from .models.georm import GeoRM
 from .models.glossyrm import GlossyRM
@@ -36,23 +37,39 @@ LARGE = 2**25
 
 _KEPT_AT_MOST = 3
 
-_kept: dict[tuple[str, Path, str], nn.Module] = {}
+_kept: dict[tuple[str, Path, int, str], nn.Module] = {}
 
 
 def check_weights(settings: Settings, report: Report, given_shape: bool = False) -> None:
     """That every file that the run is going to need is there, and under which licence; a given shape needs no GeoRM.
 
     Raises:
-        CheckpointError: one is missing or none of ours.
+        CheckpointError: one is missing or none of ours, or as `check_folder`.
     """
     if settings.random_weights is not None:
         return
+    check_folder(settings)
     known = {weights.name: weights.licence for weights in checkpoints.REGISTRY}
     for name in NETWORKS:
         if name != "georm" or not given_shape:
             header = checkpoints.read_header(settings.weights(name))
             licence = header.get("licence") or known.get(header["name"], "your own")
             report.weights[header["name"]] = "your own" if settings.brings(name) else licence
+
+
+def check_folder(settings: Settings) -> None:
+    """That the user's folder of weights, where one is named, holds weights of a network of the preset.
+
+    Raises:
+        CheckpointError: it is none, or holds nothing of the right names; what ships would be taken in silence.
+    """
+    folder = settings.weights_folder
+    if folder is None or any(map(settings.brings, NETWORKS)):
+        return
+    names = ", ".join(settings.weights(network).name for network in NETWORKS)
+    if not folder.is_dir():
+        raise CheckpointError(f"{folder}: no such folder; name one that holds {names}, or some of them")
+    raise CheckpointError(f"{folder}: holds none of {names}; name the trained files so")
 
 
 def load(name: str, settings: Settings) -> nn.Module:
@@ -67,7 +84,8 @@ def load(name: str, settings: Settings) -> nn.Module:
     if settings.random_weights is not None:
         return _ready(_with_random_weights(name, settings), settings.device)
     path = settings.weights(name)
-    key = (name, path, settings.device)
+    # Weights that are trained anew under the same name are read anew.
+    key = (name, path, path.stat().st_mtime_ns if path.is_file() else 0, settings.device)
     if key in _kept:
         return _kept[key]
     network, config_type = NETWORKS[name]

@@ -1,5 +1,6 @@
 """Networks find their weights, stay while they are worth their memory, and run in the precision that was chosen."""
 
+import os
 import subprocess
 import sys
 import weakref
@@ -11,7 +12,7 @@ import torch
 
 from arm_blender import checkpoints, networks, pipeline
 from arm_blender.config import PRESETS, QUALITIES, Preset, Settings
-from arm_blender.errors import ArmError, OutOfMemory
+from arm_blender.errors import ArmError, CheckpointError, OutOfMemory
 from arm_blender.memory import lower_if_short
 from arm_blender.models.ffc import FfcConfig
 from arm_blender.models.image_encoder import ImageEncoderConfig
@@ -95,6 +96,30 @@ def test_own_weights_are_taken_by_their_names_and_what_they_lack_from_those_that
     report = Report("paper", "cpu", 0)
     networks.check_weights(settings, report)
     assert report.weights["paper.georm"] == "your own"
+
+
+def test_weights_that_are_trained_anew_are_read_anew(files):
+    settings = Settings(preset="paper")
+    first = networks.load("georm", settings)
+    trained = networks.load("georm", replace(TINY, random_weights=7))
+    path = settings.weights("georm")
+    written = path.stat().st_mtime_ns
+    checkpoints.save(path, trained.state_dict(), trained.config, "georm")
+    os.utime(path, ns=(written, written + 1))  # Clocks of file systems are coarse.
+    for one, other in zip(networks.load("georm", settings).parameters(), trained.parameters(), strict=True):
+        assert torch.equal(one, other)
+    assert networks.load("georm", settings) is not first
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_folder_without_weights_of_the_preset_is_not_passed_over(tmp_path, there):
+    folder = tmp_path / "own"
+    if there:
+        folder.mkdir()
+        (folder / "paper.georm.safetensors").touch()
+    match = "own: holds none of small.georm.safetensors, " if there else "own: no such folder; name one that holds"
+    with pytest.raises(CheckpointError, match=match):
+        networks.check_weights(Settings(weights_folder=folder), Report("small", "cpu", 0))
 
 
 @pytest.mark.parametrize("large", [False, True])

@@ -17,9 +17,6 @@ BLEND_RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5, 0
 # Python imported Blender, not the other way round. Blender 4.2 has no `bpy.app.module` to ask.
 IS_MODULE = not bpy.app.binary_path
 
-# Since 5.0 a property says that its path may begin with // for the folder of the open file.
-RELATIVE_PATH = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (5, 0, 0) else set()
-
 # Both leave base colours as they are below the highlights; AgX, the default, changes them.
 NEUTRAL_VIEW_TRANSFORMS = ("Khronos PBR Neutral", "Standard")
 

@@ -91,6 +91,8 @@ class GenerationRequest:
     """Triangles at most; None leaves it to the quality."""
     normal_map: bool = False
     """Bake the detail lost to the face budget; a mesh of the user's loses none."""
+    own_weights: str | None = None
+    """Folder of weights of the user's own; None takes those of the preset."""
     seed: int = 0
     device: str = "auto"
     """"cpu", "cuda" or "mps"; "auto" is CUDA where PyTorch finds it, else the CPU."""
@@ -117,6 +119,7 @@ PLAIN = (
     "texture_size",
     "faces",
     "normal_map",
+    "own_weights",
     "seed",
 )
 """Fields of a request that are kept with its result as they are; device and threads are the machine's."""
@@ -157,6 +160,7 @@ def generate(request: GenerationRequest, progress: Progress) -> Generated:
         seed=request.seed,
         device=device,
         threads=request.threads,
+        weights_folder=None if request.own_weights is None else Path(request.own_weights),
     )
     frames = [IDENTITY]
 

@@ -129,6 +129,7 @@ def _recall(context: bpy.types.Context, kept: dict) -> None:
     settings.texture_size = str(kept["texture_size"]) if str(kept["texture_size"]) in sizes else "AUTO"
     settings.faces = kept["faces"] or 0
     settings.normal_map = kept["normal_map"]
+    settings.own_weights = kept["own_weights"] or ""
     for own, name in (("elevation", "elevation_deg"), ("fovy", "fovy_deg"), ("rig_distance", "rig_distance")):
         if kept[name] is not None:
             setattr(settings, own, kept[name])

@@ -1,5 +1,7 @@
 """The "ARM" tab of the 3D view's sidebar."""
 
+import os
+
 import bpy
 
 from ..errors import ArmError
@@ -67,6 +69,21 @@ class ARM_PT_generate(_InSidebar, bpy.types.Panel):
             row.operator("arm.generate", icon="MESH_MONKEY")
             if state.error != state.views_error:  # That stands beside the views already.
                 _draw_error(self.layout, context, state.error)
+
+
+class ARM_PT_advanced(_InSidebar, bpy.types.Panel):
+    """What few need"""
+
+    bl_label = "Advanced"
+    bl_parent_id = "ARM_PT_generate"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        options = self.layout.column()
+        options.enabled = not is_running()
+        options.use_property_split = True
+        options.use_property_decorate = False
+        options.prop(context.scene.arm, "own_weights")
 
 
 class ARM_PT_result(_InSidebar, bpy.types.Panel):
@@ -189,6 +206,8 @@ def _draw_report(layout: bpy.types.UILayout, kept: dict) -> None:
     report = kept.get("report", {})
     column = layout.column(align=True)
     column.label(text=f"{kept['preset']}, {kept['quality']}, seed {kept['seed']}")
+    if kept["own_weights"]:
+        column.label(text=f"weights of {os.path.basename(os.path.normpath(kept['own_weights']))}")
     if report.get("faces") is not None:
         column.label(text=f"{report['faces']:,} faces, texture {report['texture_size']}")
     for stage, seconds in report.get("seconds", {}).items():
@@ -206,6 +225,6 @@ def _draw_error(layout: bpy.types.UILayout, context: bpy.types.Context, message:
     draw_notice(box, message, width)
 
 
-classes = (ARM_PT_generate, ARM_PT_result)
+classes = (ARM_PT_generate, ARM_PT_advanced, ARM_PT_result)
 
 register, unregister = bpy.utils.register_classes_factory(classes)

@@ -135,6 +135,12 @@ class ARM_PG_settings(bpy.types.PropertyGroup):
         description="Bake the detail that is lost to the number of faces",
         default=False,
     )
+    own_weights: StringProperty(
+        name="Own Weights",
+        description="Folder of weights that you trained, named as those that ship; for what it lacks those are taken",
+        subtype="DIR_PATH",
+        options=BLEND_RELATIVE,
+    )
     seed: IntProperty(name="Seed", description="The same seed gives the same result", default=0, min=0)
     placement: EnumProperty(
         name="Place",

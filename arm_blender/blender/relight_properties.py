@@ -4,7 +4,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from .callbacks import environment_turned, environments
-from .compat import RELATIVE_PATH
+from .compat import BLEND_RELATIVE
 
 
 class ARM_PG_relight(bpy.types.PropertyGroup):
@@ -12,12 +12,12 @@ class ARM_PG_relight(bpy.types.PropertyGroup):
 
     environment: EnumProperty(name="Environment", description="What lights the object", items=environments)
     environment_file: StringProperty(
-        name="File", description="An equirectangular .hdr or .exr", subtype="FILE_PATH", options=RELATIVE_PATH
+        name="File", description="An equirectangular .hdr or .exr", subtype="FILE_PATH", options=BLEND_RELATIVE
     )
     compare: BoolProperty(name="Compare", description="Show a second environment beside the first", default=False)
     second: EnumProperty(name="Second", description="What lights the object on the right", items=environments)
     second_file: StringProperty(
-        name="File", description="An equirectangular .hdr or .exr", subtype="FILE_PATH", options=RELATIVE_PATH
+        name="File", description="An equirectangular .hdr or .exr", subtype="FILE_PATH", options=BLEND_RELATIVE
     )
     rotation: FloatProperty(
         name="Rotation",
@@ -51,7 +51,7 @@ class ARM_PG_relight(bpy.types.PropertyGroup):
         description="The folder of the pictures",
         subtype="DIR_PATH",
         default="//relight/",
-        options=RELATIVE_PATH,
+        options=BLEND_RELATIVE,
     )
 
 

@@ -11,6 +11,9 @@ from ..errors import ArmError
 from . import runtime
 from .generation import PLAIN, CameraPicture, GenerationRequest
 
+ADDED_LATER = {"own_weights": None}
+"""Settings that results of earlier versions do not carry, and what they were made with."""
+
 
 def from_panel(context: bpy.types.Context, filepath: str = "") -> GenerationRequest:
     """What the panel asks for.
@@ -36,6 +39,7 @@ def from_panel(context: bpy.types.Context, filepath: str = "") -> GenerationRequ
         texture_size=None if settings.texture_size == "AUTO" else int(settings.texture_size),
         faces=settings.faces or None,
         normal_map=settings.normal_map and settings.shape == "NETWORK",
+        own_weights=bpy.path.abspath(settings.own_weights) or None,
         seed=settings.seed,
         **_machine(),
     )
@@ -113,7 +117,7 @@ def stored_settings(made: bpy.types.Object) -> dict[str, Any]:
         ArmError: it carries none that can be read.
     """
     try:
-        kept = json.loads(made["arm_settings"])
+        kept = ADDED_LATER | json.loads(made["arm_settings"])
         missing = {"views", "cameras", "weights", *PLAIN} - kept.keys()
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ArmError(f"{made.name}: carries no settings of ours; generate it anew") from error

@@ -187,7 +187,7 @@ def settings_of(args: argparse.Namespace) -> Settings:
         UsageError: a value is out of range, or the folder of weights has none.
     """
     from ..config import Settings
-    from ..networks import NETWORKS
+    from ..networks import check_folder
 
     names = "preset quality texture_size faces grid dense seed device threads blend precision random_weights normal_map"
     values = {name: getattr(args, name) for name in names.split()}
@@ -195,11 +195,9 @@ def settings_of(args: argparse.Namespace) -> Settings:
         values["time_limit"] = args.time_limit
     try:
         settings = Settings(**values, weights_folder=args.weights)
+        check_folder(settings)
     except ArmError as error:
         raise UsageError(str(error)) from error
-    if args.weights is not None and not any(map(settings.brings, NETWORKS)):
-        names = ", ".join(settings.weights(network).name for network in NETWORKS)
-        raise UsageError(f"--weights {args.weights}: holds none of {names}; name the trained files so")
     return settings
 
 

@@ -9,6 +9,7 @@ import trimesh
 
 from arm_blender import pipeline
 from arm_blender.blender.generation import CameraPicture, GenerationRequest, OwnMesh, generate, view_of_camera
+from arm_blender.errors import Cancelled
 from arm_blender.graphics.color import srgb_from_linear
 from arm_blender.graphics.rasterize import rasterize
 from arm_blender.progress import silent
@@ -100,3 +101,17 @@ def test_a_large_picture_is_averaged_down_with_its_camera():
     view = view_of_camera(CameraPicture("Cam", pixels, True, False, np.eye(4), K))
     assert view.image.shape == (4, 1024, 2048) and (view.camera.width, view.camera.height) == (2048, 1024)
     assert view.camera.K[0].tolist() == pytest.approx([2000 * 2048 / 2200, 0.0, 1024.0])
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_a_folder_of_own_weights_reaches_the_run(folder, tmp_path, monkeypatch, own):
+    seen = []
+
+    def stub(views, settings, *rest):
+        seen.append(settings.weights_folder)
+        raise Cancelled
+
+    monkeypatch.setattr(pipeline, "generate", stub)
+    with pytest.raises(Cancelled):
+        generate(GenerationRequest(folder, own_weights=str(tmp_path) if own else None), silent)
+    assert seen == [tmp_path if own else None]

@@ -173,15 +173,16 @@ def test_an_own_mesh_is_handed_on_and_its_result_stays_in_its_place(panel, six, 
 
 
 def test_regenerating_asks_for_the_appearance_alone_and_changes_nothing_else(panel, six, answer, asset):
-    panel.views_path, panel.quality, panel.seed = str(six), "draft", 5
+    panel.views_path, panel.quality, panel.seed, panel.own_weights = str(six), "draft", 5, f"{six.parent}/"
     bpy.ops.arm.look()
     bpy.ops.arm.generate()
     made = bpy.context.object
     place, mesh = made.matrix_world.copy(), made.data
-    panel.quality, panel.seed, panel.views[4].use = "final", 6, False
+    panel.quality, panel.seed, panel.views[4].use, panel.own_weights = "final", 6, False, ""
     assert bpy.ops.arm.regenerate() == {"FINISHED"}
     again = answer[1]
     assert (again.quality, again.seed) == ("draft", 5), "what the object was made with"
+    assert answer[0].own_weights == again.own_weights == f"{six.parent}/"
     assert again.weights == (1.0, 1.0, 1.0, 1.0, 0.0, 1.0), "and what the panel says of its views"
     assert again.mesh_in_place
     # The stub's frame says that cameras see the ring twice as large around (1, 2, 3); the panel made it 1 m high.
@@ -194,16 +195,29 @@ def test_regenerating_asks_for_the_appearance_alone_and_changes_nothing_else(pan
 
 def test_an_objects_settings_come_back_into_the_panel(panel, six, answer):
     panel.views_path, panel.quality, panel.texture_size = str(six), "draft", "512"
+    panel.own_weights = str(six.parent)
     bpy.ops.arm.look()
     panel.views[2].use, panel.views[0].weight = False, 3.0
     bpy.ops.arm.generate()
-    panel.views_path, panel.quality, panel.texture_size = "", "final", "AUTO"
+    panel.views_path, panel.quality, panel.texture_size, panel.own_weights = "", "final", "AUTO", ""
     panel.views.clear()
     assert bpy.ops.arm.recall() == {"FINISHED"}
     assert (panel.views_path, panel.quality, panel.texture_size) == (str(six), "draft", "512")
+    assert panel.own_weights == str(six.parent)
     bpy.ops.arm.look()
     assert [view.use for view in panel.views] == [True, True, False, True, True, True]
     assert panel.views[0].weight == 3.0
+
+
+def test_an_object_from_before_there_were_own_weights_is_made_anew_without(panel, six, answer):
+    panel.views_path = str(six)
+    bpy.ops.arm.generate()
+    made = bpy.context.object
+    kept = json.loads(made["arm_settings"])
+    made["arm_settings"] = json.dumps({name: value for name, value in kept.items() if name != "own_weights"})
+    assert bpy.ops.arm.regenerate() == {"FINISHED"} and answer[1].own_weights is None
+    panel.own_weights = str(six)
+    assert bpy.ops.arm.recall() == {"FINISHED"} and panel.own_weights == ""
 
 
 @pytest.mark.parametrize("settings", ["", "[]", '{"views": "a"}'])

@@ -103,6 +103,18 @@ def test_the_list_of_other_views_is_not_shown(settings):
     assert not {"use", "weight", "rig_distance"} & set(drawn()["prop"])
 
 
+def test_a_folder_of_own_weights_is_asked_for_apart_and_named_beside_its_result(settings, asset):
+    from arm_blender.blender.generation import GenerationRequest
+    from arm_blender.blender.scene import build_object
+
+    assert "own_weights" not in drawn()["prop"]
+    assert drawn(panels.ARM_PT_advanced)["prop"] == ["own_weights"]
+    for folder, named in ((None, False), ("gone/of mine/", True)):
+        built = build_object(asset, GenerationRequest(Path("cup"), own_weights=folder).as_settings())
+        built["arm_frame"] = [1.0, 0.0, 0.0, 0.0]
+        assert ("weights of of mine" in drawn(panels.ARM_PT_result)["label"]) is named
+
+
 def test_a_view_that_shows_nothing_has_no_weight(settings):
     listed(settings, "posed", ["a.png", "b.png"])
     settings.views[1].sees = False

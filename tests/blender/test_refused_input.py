@@ -64,6 +64,14 @@ def no_weights(panel, picture):
     panel.preset = "paper"
 
 
+def no_folder(panel, picture):
+    panel.own_weights = str(picture.parent / "none")
+
+
+def no_own_weights(panel, picture):
+    panel.own_weights = str(picture.parent)
+
+
 def no_cameras(panel, picture):
     panel.source = "CAMERAS"
 
@@ -91,6 +99,8 @@ def all_ticked_off(panel, picture):
         (no_picture, "cup.png: not a readable picture; give a PNG"),
         (empty_picture, "cup.png: the mask is empty"),
         (no_weights, "paper.glossyrm.safetensors|paper.georm.safetensors"),
+        (no_folder, "none: no such folder; name one that holds small.georm.safetensors"),
+        (no_own_weights, "holds none of small.georm.safetensors, .*; name the trained files so"),
         (no_cameras, "No camera of the scene has a background image; add one"),
         (edited, r"Cube: is being edited; go back to Object Mode \(Tab\)"),
         (without_faces, "Cube: has no faces"),
