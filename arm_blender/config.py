@@ -13,7 +13,7 @@ from .models import instant_albedo, reconstruction
 from .models.instant_albedo import InstantAlbedoConfig
 from .models.reconstruction import ReconstructionConfig
 from .precision import PRECISIONS, PrecisionName
-from .uv.backproject import BLENDS
+from .uv.blend import BLENDS
 
 PresetName = Literal["small", "paper", "instantmesh"]
 QualityName = Literal["draft", "balanced", "final"]

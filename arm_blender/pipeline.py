@@ -24,7 +24,8 @@ from .report import Report
 from .structures import MaterialMaps, RelightableAsset, TexelMap, TexelViews, TriangleMesh, UvMesh, ViewSet
 from .threads import cpu_threads
 from .uv import maps
-from .uv.backproject import BLENDS, backproject, blend, texture_size_for
+from .uv.backproject import backproject, texture_size_for
+from .uv.blend import BLENDS, blend
 from .uv.decimate import clean, decimate
 from .uv.normal_map import bake_normal_map
 from .uv.texels import texel_map

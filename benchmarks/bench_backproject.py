@@ -13,7 +13,8 @@ import torch
 from arm_blender.graphics.color import linear_from_srgb
 from arm_blender.graphics.rasterize import interpolate, rasterize_views
 from arm_blender.structures import UvMesh, ViewSet
-from arm_blender.uv.backproject import backproject, blend
+from arm_blender.uv.backproject import backproject
+from arm_blender.uv.blend import blend
 from arm_blender.uv.texels import texel_map
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 from arm_blender.views.rigs import zero123plus_rig

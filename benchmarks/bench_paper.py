@@ -23,7 +23,8 @@ from arm_blender.precision import running_in
 from arm_blender.report import Report
 from arm_blender.structures import ViewSet
 from arm_blender.uv import maps
-from arm_blender.uv.backproject import backproject, blend
+from arm_blender.uv.backproject import backproject
+from arm_blender.uv.blend import blend
 from arm_blender.uv.decimate import decimate
 from arm_blender.uv.texels import texel_map
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap

@@ -18,7 +18,7 @@ from arm_blender.graphics.color import linear_from_srgb, srgb_from_linear
 from arm_blender.graphics.rasterize import interpolate, rasterize
 from arm_blender.report import Report
 from arm_blender.structures import MaterialMaps, RelightableAsset, TriangleMesh, ViewSet
-from arm_blender.uv.backproject import BLENDS
+from arm_blender.uv.blend import BLENDS
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 from arm_blender.views import ViewOptions, load_views
 from arm_blender.views.image_io import write_png

@@ -10,7 +10,8 @@ from torch import Tensor
 from arm_blender.graphics.cameras import Camera, orbit_camera, project
 from arm_blender.graphics.rasterize import interpolate, rasterize
 from arm_blender.structures import TexelMap, UvMesh, ViewSet
-from arm_blender.uv.backproject import backproject, blend, texture_size_for
+from arm_blender.uv.backproject import backproject, texture_size_for
+from arm_blender.uv.blend import blend
 from arm_blender.uv.texels import texel_map
 from arm_blender.views.rigs import zero123plus_rig
 

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from arm_blender.structures import TexelViews
-from arm_blender.uv.backproject import BLENDS, BlendConfig, blend
+from arm_blender.uv.blend import BLENDS, BlendConfig, blend
 
 
 def conflicting(colors: list[float], cosines: list[float]) -> TexelViews:

@@ -18,7 +18,8 @@ from arm_blender.graphics.color import bytes_from_unit, linear_from_srgb, srgb_f
 from arm_blender.graphics.connectivity import face_components
 from arm_blender.graphics.rasterize import rasterize_uv, rasterize_views
 from arm_blender.structures import TexelMap, TexelViews, UvMesh, ViewSet
-from arm_blender.uv.backproject import BackprojectConfig, backproject, blend
+from arm_blender.uv.backproject import BackprojectConfig, backproject
+from arm_blender.uv.blend import blend
 from arm_blender.uv.decimate import clean, decimate
 from arm_blender.uv.maps import diffuse_fill, pad
 from arm_blender.uv.texels import texel_map

@@ -10,7 +10,8 @@ from arm_blender.config import Settings
 from arm_blender.graphics.cameras import project, view_directions
 from arm_blender.graphics.meshes import vertex_normals
 from arm_blender.structures import RelightableAsset, TriangleMesh, ViewSet
-from arm_blender.uv.backproject import BLENDS, BackprojectConfig, BlendConfig, backproject, blend
+from arm_blender.uv.backproject import BackprojectConfig, backproject
+from arm_blender.uv.blend import BLENDS, BlendConfig, blend
 from arm_blender.uv.maps import diffuse_fill, pad
 from arm_blender.uv.texels import texel_map
 from arm_blender.uv.view_sampling import sample_view

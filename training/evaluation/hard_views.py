@@ -11,7 +11,8 @@ from arm_blender.graphics.isosurface import IsosurfaceConfig, extract
 from arm_blender.graphics.rasterize import rasterize, rasterize_views
 from arm_blender.models.reconstruction import network_views
 from arm_blender.structures import ViewSet
-from arm_blender.uv.backproject import backproject, blend
+from arm_blender.uv.backproject import backproject
+from arm_blender.uv.blend import blend
 from arm_blender.uv.decimate import clean
 from arm_blender.uv.texels import texel_map
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap

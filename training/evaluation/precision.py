@@ -29,7 +29,8 @@ from arm_blender.models.triplane import UpsamplerConfig
 from arm_blender.models.unet import UnetConfig
 from arm_blender.models.vit import VitConfig
 from arm_blender.structures import ViewSet
-from arm_blender.uv.backproject import backproject, blend
+from arm_blender.uv.backproject import backproject
+from arm_blender.uv.blend import blend
 from arm_blender.uv.decimate import decimate
 from arm_blender.uv.maps import diffuse_fill
 from arm_blender.uv.texels import texel_map

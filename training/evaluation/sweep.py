@@ -19,7 +19,7 @@ import torch
 from arm_blender import pipeline
 from arm_blender.config import QUALITIES, Settings
 from arm_blender.errors import ArmError, EmptyMeshError
-from arm_blender.uv.backproject import BLENDS
+from arm_blender.uv.blend import BLENDS
 
 from .figures import panels
 from .geometry import FAILED, compare
