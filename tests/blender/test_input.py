@@ -20,9 +20,9 @@ bpy = pytest.importorskip("bpy")
 from arm_blender.blender import operators, view_list  # noqa: E402
 from arm_blender.blender.generation import Generated  # noqa: E402
 
-pytestmark = pytest.mark.blender
+from ..pictures import SIZE, picture, six_pictures  # noqa: E402
 
-SIZE = 64
+pytestmark = pytest.mark.blender
 
 
 @pytest.fixture
@@ -52,20 +52,11 @@ def answer(monkeypatch, asset):
     return requests
 
 
-def picture(shade: float, filled: bool = True) -> torch.Tensor:
-    image = torch.full((4, SIZE, SIZE), shade)
-    image[3] = 0.0
-    image[3, 16:48, 20:44] = float(filled)
-    return image
-
-
 @pytest.fixture
 def six(tmp_path):
     """A folder of the rig's six pictures, the last of which shows nothing."""
-    folder = tmp_path / "cup"
-    folder.mkdir()
-    for index in range(6):
-        write_png(folder / f"{index}.png", picture((index + 1) / 6.0, index < 5), srgb=True)
+    folder = six_pictures(tmp_path / "cup")
+    write_png(folder / "5.png", picture(filled=False), srgb=True)
     return folder
 
 

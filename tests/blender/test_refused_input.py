@@ -9,6 +9,8 @@ import arm_blender
 from arm_blender.config import Settings
 from arm_blender.views.image_io import write_png
 
+from ..pictures import a_picture
+
 bpy = pytest.importorskip("bpy")
 
 pytestmark = pytest.mark.blender
@@ -24,11 +26,7 @@ def panel(empty_file):
 
 @pytest.fixture
 def picture(tmp_path) -> Path:
-    image = torch.full((4, 64, 64), 0.5)
-    image[3] = 0.0
-    image[3, 16:48, 20:44] = 1.0
-    write_png(tmp_path / "cup.png", image, srgb=True)
-    return tmp_path / "cup.png"
+    return a_picture(tmp_path / "cup.png")
 
 
 def everything() -> dict[str, list]:

@@ -14,23 +14,12 @@ from arm_blender.views.image_io import write_png
 from arm_blender.views.rigs import zero123plus_rig
 from arm_blender.views.transforms_json import write_transforms
 
-SIZE = 64
-
-
-def picture(shade: float, filled: bool = True) -> torch.Tensor:
-    image = torch.full((4, SIZE, SIZE), shade)
-    image[3] = 0.0
-    image[3, 16:48, 20:44] = float(filled)
-    return image
+from ..pictures import SIZE, picture, six_pictures
 
 
 @pytest.fixture
 def six(tmp_path):
-    folder = tmp_path / "cup"
-    folder.mkdir()
-    for index in range(6):
-        write_png(folder / f"{index}.png", picture((index + 1) / 6.0), srgb=True)
-    return folder
+    return six_pictures(tmp_path / "cup")
 
 
 def shades(views) -> list[float]:

@@ -1,0 +1,91 @@
+"""One result: whole files, words that reach the settings, progress. The networks are played by a stand-in."""
+
+import io
+import json
+
+import numpy as np
+import pytest
+import trimesh
+
+from arm_blender.commands.progress_line import ProgressLine
+
+from ..pictures import a_picture
+from .command_line import ROOT, only_line, run
+
+
+def test_generate_writes_a_whole_asset(pipeline, picture, tmp_path, capsys):
+    assert run("generate", picture, "--output", tmp_path / "out") == 0
+    files = sorted(str(path.relative_to(tmp_path / "out")) for path in (tmp_path / "out").rglob("*.*"))
+    textures = [f"textures/{name}.png" for name in ("albedo", "baked", "metallic", "roughness")]
+    assert files == ["cup.glb", "report.json", *textures]
+    captured = capsys.readouterr()
+    assert "report.json" in captured.out and "shape" not in captured.err
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["faces"] == 12 and {"start", "views", "files"} <= report["seconds"].keys()
+    assert [note["what"] for note in report["left_out"]] == ["cup.blend"]
+
+
+@pytest.mark.blender
+def test_the_blend_is_written_where_bpy_is(pipeline, picture, tmp_path):
+    assert run("generate", picture, "--output", tmp_path / "out") == 0
+    assert (tmp_path / "out" / "cup.blend").stat().st_size > 0
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["left_out"] == []
+
+
+def test_what_is_read_is_not_written_over(pipeline, picture, tmp_path, capsys):
+    """Neither the mesh, nor the picture, whatever way its path takes."""
+    out = tmp_path / "out"
+    (out / "textures").mkdir(parents=True)
+    trimesh.creation.box().export(out / "cup.glb")
+    a_picture(out / "textures" / "baked.png")
+    before = {path: path.read_bytes() for path in out.rglob("*.*")}
+    assert run("generate", picture, "--mesh", out / ".." / "out" / "cup.glb", "--output", out) == 2
+    assert "cup.glb: is read" in only_line(capsys.readouterr().err)
+    assert run("generate", out / "textures" / "baked.png", "--output", out) == 2
+    assert {path: path.read_bytes() for path in out.rglob("*.*")} == before and pipeline == []
+    assert run("generate", picture, "--mesh", out / "cup.glb", "--output", tmp_path / "other") == 0
+
+
+def test_json_is_all_there_is_on_stdout(pipeline, picture, tmp_path, capsys):
+    assert run("generate", picture, "--output", tmp_path / "out", "--json") == 0
+    captured = capsys.readouterr()
+    assert json.loads(captured.out)["faces"] == 12 and captured.err == ""
+
+
+def test_the_words_reach_the_settings(pipeline, picture, tmp_path):
+    words = "--quality final --texture-size 512 --faces 777 --grid 40 --dense --seed 3 --threads 2 --time-limit 9"
+    words += " --precision bfloat16 --random-weights 4"
+    words += f" --weights {ROOT / 'arm_blender' / 'weights'}"
+    assert run("generate", picture, "--output", tmp_path / "out", *words.split(), "--view-weights", "2.5") == 0
+    views, settings = pipeline[0]
+    assert views.weights.tolist() == [2.5] and settings.quality == "final"
+    assert (settings.texture_size, settings.faces, settings.grid, settings.dense) == (512, 777, 40, True)
+    assert (settings.seed, settings.threads, settings.time_limit) == (3, 2, 9.0)
+    assert (settings.precision, settings.random_weights) == ("bfloat16", 4)
+    assert settings.weights_folder == ROOT / "arm_blender" / "weights"
+
+
+def test_the_ground_is_under_the_object(pipeline, picture, tmp_path):
+    assert run("generate", picture, "--output", tmp_path / "out", "--place", "ground") == 0
+    found = trimesh.load(tmp_path / "out" / "cup.glb").geometry["cup"]
+    np.testing.assert_allclose(found.bounds, [[-0.5, 0.0, -0.5], [0.5, 1.0, 0.5]], atol=1e-6)  # glTF: Y is up
+
+
+def test_progress_is_shown_on_demand(pipeline, picture, tmp_path, capsys):
+    assert run("generate", picture, "--output", tmp_path / "out", "--progress", "always") == 0
+    messages = [line.partition("% ")[2] for line in capsys.readouterr().err.splitlines()]
+    wanted = ["starting", "reading cup.png", "shaping", "writing textures", "writing cup.glb", "writing report.json"]
+    assert [message for message in messages if message in wanted] == wanted
+
+
+def test_a_terminal_is_written_to_only_for_what_is_new():
+    """Before each block of a network the same report comes again."""
+    stream = io.StringIO()
+    stream.isatty = lambda: True
+    line = ProgressLine(stream)
+    for fraction, message in [(0.0, "a"), (0.0, "a"), (0.5, "a"), (0.5, "a"), (0.5, "b")]:
+        line(fraction, message)
+    assert stream.getvalue().split("\r\x1b[K") == ["", "  0% a", " 50% a", " 50% b"]
+    line.clear()
+    line(0.5, "b")
+    assert stream.getvalue().endswith(" 50% b")
