@@ -57,7 +57,7 @@ def scene(asset, tmp_path):
 
 
 def answer(monkeypatch, asset: RelightableAsset) -> None:
-    monkeypatch.setattr(pipeline, "generate", lambda views, settings: (asset, Report("small", "cpu", 0)))
+    monkeypatch.setattr(pipeline, "generate", lambda views, settings, mesh=None: (asset, Report("small", "cpu", 0)))
 
 
 def trial(**changes) -> Trial:
@@ -93,7 +93,7 @@ def test_a_darker_albedo_is_wrong_but_for_its_scale(scene, asset, monkeypatch):
 
 
 def test_what_finds_no_surface_scores_nothing_and_the_hull_still_counts(scene, monkeypatch):
-    def nothing(views, settings):
+    def nothing(views, settings, mesh=None):
         raise EmptyMeshError("no surface")
 
     monkeypatch.setattr(pipeline, "generate", nothing)
