@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     check_output(args.output)
     args.output.mkdir(parents=True, exist_ok=True)
     cache = args.cache / protocol.folder
-    _render_truth(entries, cache, args, protocol)
+    render_truth(entries, cache, args.data, args.dataset, protocol)
     cost = None if args.meshes else measured_cost(cache / entries[0].name, trial)
     known = kept_results(args.output, trial) if args.resume else {}
     results, sheets = [], None if args.no_sheets else Sheets(args.output)
@@ -120,7 +120,8 @@ def _protocol(args: argparse.Namespace) -> Protocol:
     if args.quick:
         return QUICK
     counts = PAPER_COUNTS if args.paper_protocol else {"views": args.test_views}
-    return Protocol(args.resolution, args.samples, **counts)
+    # Fewer samples are for speed: then the assets have no more of them than the truth.
+    return Protocol(args.resolution, args.samples, min(args.samples, Protocol.asset_samples), **counts)
 
 
 def _trial(args: argparse.Namespace, protocol: Protocol) -> Trial:
@@ -163,17 +164,24 @@ def _entries(args: argparse.Namespace) -> list[EvaluationEntry]:
     return entries[: args.limit]
 
 
-def _render_truth(
-    entries: Sequence[EvaluationEntry], cache: Path, args: argparse.Namespace, protocol: Protocol
+def render_truth(
+    entries: Sequence[EvaluationEntry], cache: Path, data: Path, dataset: str, protocol: Protocol
 ) -> None:
-    """Whatever the cache lacks; only then Blender is needed here."""
+    """Whatever the cache lacks; only then Blender is needed here.
+
+    Args:
+        cache: folder of the protocol.
+        dataset: how `data` is laid out, one of `DATASETS`.
+    Raises:
+        ArmError: an object cannot be rendered.
+    """
     if all(is_whole(cache / entry.name) for entry in entries):
         return
     from .truth_blender import environments, render_missing
 
-    hdris = read_manifest(args.data)["hdris"] if args.dataset == "manifest" else []
-    lights = {split: [args.data / h["files"][0] for h in hdris if h["split"] == split] for split in ("train", "eval")}
-    render_missing(entries, cache, args.data, environments(lights), protocol)
+    hdris = read_manifest(data)["hdris"] if dataset == "manifest" else []
+    lights = {split: [data / h["files"][0] for h in hdris if h["split"] == split] for split in ("train", "eval")}
+    render_missing(entries, cache, data, environments(lights), protocol)
 
 
 def _summary(result: ObjectResult) -> str:
