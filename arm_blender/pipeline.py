@@ -176,7 +176,10 @@ def atlas(mesh: TriangleMesh | UvMesh, settings: Settings, report: Report, progr
 
 
 def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report, progress: Progress) -> MaterialMaps:
-    """Albedo and baked colour by InstantAlbedo, roughness and metallic by GlossyRM (ARM, sections 5.1 to 5.3)."""
+    """Albedo and baked colour by InstantAlbedo, roughness and metallic by GlossyRM (ARM, sections 5.1 to 5.3).
+
+    Where InstantAlbedo's weights predict roughness and metallic as well (the paper's ablation), those are taken.
+    """
     size = texture_size_for(mesh, views, settings.resolved.texture_size)
     if size < settings.resolved.texture_size:
         report.leave_out(f"texels beyond {size} a side", "the views have no more pixels to fill them")
@@ -191,9 +194,13 @@ def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report,
         report.leave_out("in-painting", "every texel was seen")
     progress(0.26, "filling unseen texels")
     base = maps.diffuse_fill(colors, known, texels)
-    albedo, baked = paint(views, texels, seen, base, settings, report, part(progress, 0.3, 0.6))
+    albedo, baked, glossy = paint(views, texels, seen, base, settings, report, part(progress, 0.3, 0.6))
     del seen, base, colors, weight
-    roughness, metallic = gloss(mesh, views, texels, settings, report, part(progress, 0.6, 1.0))
+    if glossy is None:
+        roughness, metallic = gloss(mesh, views, texels, settings, report, part(progress, 0.6, 1.0))
+    else:
+        report.leave_out("GlossyRM", "InstantAlbedo predicts roughness and metallic, too")
+        roughness, metallic = _gloss_maps(glossy, texels.mask, report)
     albedo = maps.without_reflection(albedo, metallic, PRESETS[settings.preset].reflectance)
     return MaterialMaps(maps.pad(albedo, texels.mask), maps.pad(baked, texels.mask), roughness, metallic)
 
@@ -206,17 +213,17 @@ def paint(
     settings: Settings,
     report: Report,
     progress: Progress,
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Albedo and baked colour (3, T, T) by InstantAlbedo, whose memory is free again afterwards."""
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
+    """What `InstantAlbedo.predict` says of the atlas; the network's memory is free again afterwards."""
     progress(0.0, "InstantAlbedo: loading")
     network = networks.load("instant_albedo", settings)
     painting = partial(progress, 0.1, "InstantAlbedo: painting")
     painting()
     with networks.running(network, settings, report, painting):
-        albedo, baked = network(views.images, texels, seen, base)
-    finite = bool((albedo.isfinite() & baked.isfinite())[:, texels.mask].all())
+        found = network.predict(views.images, texels, seen, base)
+    finite = all(bool(image.isfinite()[:, texels.mask].all()) for image in found if image is not None)
     _require_numbers(finite, "instant_albedo", views, settings)
-    return albedo, baked
+    return found
 
 
 def gloss(
@@ -234,9 +241,14 @@ def gloss(
         values.append(network(encoded, chunk[None])[0])
     glossy = texels.position.new_zeros(2, *texels.mask.shape)
     glossy[:, texels.mask] = torch.cat(values).T
+    return _gloss_maps(glossy, texels.mask, report)
+
+
+def _gloss_maps(glossy: torch.Tensor, mask: torch.Tensor, report: Report) -> tuple[torch.Tensor, torch.Tensor]:
+    """Roughness and metallic (1, T, T) of `glossy` (2, T, T), padded beyond the mask (T, T); small where one value."""
     result = []
-    for name, image in zip(("roughness", "metallic"), maps.pad(glossy, texels.mask).split(1), strict=True):
-        constant = maps.constant_value(image, texels.mask, CONSTANT_TOLERANCE)
+    for name, image in zip(("roughness", "metallic"), maps.pad(glossy, mask).split(1), strict=True):
+        constant = maps.constant_value(image, mask, CONSTANT_TOLERANCE)
         if constant is not None:
             report.leave_out(f"{name} texture", f"it is {constant:.2f} everywhere")
             image = image.new_full((1, maps.CONSTANT_SIDE, maps.CONSTANT_SIDE), constant)

@@ -21,6 +21,7 @@ COMMANDS = {
     "prepare": ("training.datasets.occupancy", "sample signed distances to the rendered objects"),
     "calibrate": ("training.stages.glossyrm_calibration", "move GlossyRM's answers to measured materials"),
     "evaluate": ("training.evaluation.evaluate", "measure shape, colours, materials and relighting against the truth"),
+    "ablations": ("training.evaluation.ablations", "fit networks with a part left out, and compare them"),
     "sweep": ("training.evaluation.sweep", "error against run time, each knob in turn"),
     "quality-levels": ("training.evaluation.quality_levels", "hand the sweep's levels on to Blender's panel"),
     "stability": ("training.evaluation.stability", "measure the pipeline's parts on extreme inputs"),

@@ -68,6 +68,9 @@ SMALL = ReconstructionConfig(
 SMALL_GLOSSY = replace(SMALL, volume=replace(SMALL.volume, detail=0))
 """GlossyRM's: where exactly the surface is, it is told by the mesh."""
 
+SMALL_TRIPLANE = replace(SMALL, pixel_aligned=None, volume=None)
+"""The paper's form at the size of `small`, for an ablation: without volumes and hull, which read those features."""
+
 
 @dataclass(frozen=True)
 class NetworkViews:

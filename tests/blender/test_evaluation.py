@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import OpenImageIO as oiio
@@ -20,6 +21,7 @@ from training.evaluation.baselines import ColoredMesh  # noqa: E402
 from training.evaluation.image_scores import compare_pictures, mask_overlap  # noqa: E402
 from training.evaluation.objects import EvaluationObject  # noqa: E402
 from training.evaluation.protocol import EvaluationEntry, Protocol  # noqa: E402
+from training.evaluation.relighting import under_lights  # noqa: E402
 from training.evaluation.truth import is_whole, read_truth  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("empty_file")]
@@ -53,11 +55,11 @@ def data(tmp_path, asset):
     return tmp_path
 
 
-def render(data, kind: str = "pbr"):
+def render(data, kind: str = "pbr", protocol: Protocol = TINY):
     entry, cache = EvaluationEntry("ring", data / "ring.glb", kind), data / "cache"
     lights = {"train": [data / "day.exr"], "eval": [data / "night.exr"]}
-    truth_blender.render_missing([entry], cache, data, lights, TINY)
-    return read_truth(EvaluationObject("ring", cache / "ring"), data)
+    truth_blender.render_missing([entry], cache, data, lights, protocol)
+    return read_truth(EvaluationObject("ring", cache / "ring"), data, protocol)
 
 
 def test_an_asset_that_is_the_truth_shows_the_truth(data, asset):
@@ -76,6 +78,22 @@ def test_an_asset_that_is_the_truth_shows_the_truth(data, asset):
     assert compare_pictures(relit, tests.relit, tests.alpha, tests.alpha).psnr_in > 45.0
     # The lights are not alike, so the one is not the other's truth.
     assert compare_pictures(relit, tests.lit, tests.alpha, tests.alpha).psnr_in < 25.0
+
+
+def test_more_views_are_relit_under_more_lights(data, asset):
+    protocol = replace(TINY, views=1, relit_views=3, environments=2)
+    truth = render(data, protocol=protocol)
+    relighting = truth.relighting
+    assert relighting.lights[0] == data / "night.exr" and relighting.lights[1].parent.name == "world"  # Blender's own.
+    assert len(truth.tests.cameras) == 1 and len(relighting.cameras) == 3 and truth.tests.relit is None
+    render_asset = partial(asset_lights, asset, protocol=protocol)
+    _, scores = under_lights(truth.tests, partial(map_pictures, asset), render_asset, truth, None)
+    assert scores["relit"].psnr_in > 45.0
+    swapped = replace(relighting, lights=relighting.lights[::-1])
+    _, scores = under_lights(
+        truth.tests, partial(map_pictures, asset), render_asset, replace(truth, relighting=swapped), None
+    )
+    assert scores["relit"].psnr_in < 30.0
 
 
 def test_colours_at_vertices_are_lit_as_a_texture_of_that_colour(data, asset):

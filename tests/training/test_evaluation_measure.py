@@ -1,21 +1,22 @@
 """One object through the evaluation, with a pipeline whose answer is known; nothing is lit, so no Blender is needed."""
 
-import numpy as np
+import json
+from dataclasses import replace
+from pathlib import Path
+
 import pytest
 import torch
-import trimesh
+from safetensors.torch import load_file, save_file
 
 from arm_blender import pipeline
 from arm_blender.config import Settings
 from arm_blender.errors import EmptyMeshError
-from arm_blender.graphics.color import linear_from_srgb, srgb_from_linear
+from arm_blender.graphics.color import srgb_from_linear
 from arm_blender.report import Report
-from arm_blender.structures import MaterialMaps, RelightableAsset, TriangleMesh
-from arm_blender.uv.unwrap import UnwrapConfig, unwrap
+from arm_blender.structures import MaterialMaps, RelightableAsset
 from arm_blender.views import ViewOptions
-from arm_blender.views.image_io import write_png
-from arm_blender.views.transforms_json import write_transforms
-from training.evaluation import contact_sheet, sheets
+from training.__main__ import main
+from training.evaluation import contact_sheet, evaluate, sheets
 from training.evaluation.alignment import AlignmentConfig
 from training.evaluation.asset_pictures import map_pictures
 from training.evaluation.geometry import FAILED
@@ -24,40 +25,27 @@ from training.evaluation.measure import BLEND, HULL, ONE_VIEW, OURS, PICTURE, PR
 from training.evaluation.objects import EvaluationObject
 from training.evaluation.protocol import EvaluationEntry, Protocol
 from training.evaluation.trial import Trial
-from training.evaluation.truth import FRONT, Truth
+from training.evaluation.truth import Truth
 
-PROTOCOL = Protocol(resolution=64, views=4)
+PROTOCOL = Protocol(resolution=64, views=4)  # Of `ball_data`.
 SETTINGS = Settings(grid=32, faces=1000, texture_size=256)
 
 
-@pytest.fixture(scope="module")
-def asset() -> RelightableAsset:
-    """A ball whose colours, roughness and metallic change over it."""
-    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.9)
-    mesh = TriangleMesh(torch.tensor(np.asarray(ball.vertices), dtype=torch.float32), torch.tensor(ball.faces.copy()))
-    unwrapped, _ = unwrap(mesh, UnwrapConfig(256, time_limit=0.0))
-    ramp = torch.linspace(0.1, 0.6, 64).expand(1, 64, 64)
-    color = torch.cat([ramp, ramp.flip(2), 0.5 * ramp])
-    return RelightableAsset("ball", unwrapped, MaterialMaps(color, color, ramp + 0.2, ramp))
+@pytest.fixture
+def asset(ball_asset) -> RelightableAsset:
+    return ball_asset
 
 
 @pytest.fixture
-def scene(asset, tmp_path):
-    """Entry, views as files and truth of the ball, which glows in its own colour."""
-    for folder, cameras in ((tmp_path, PROTOCOL.inputs()), (tmp_path / FRONT, (PROTOCOL.front(),))):
-        folder.mkdir(exist_ok=True)
-        shown = map_pictures(asset, cameras)
-        names = [f"{k:03d}.png" for k in range(len(cameras))]
-        for name, color, alpha in zip(names, shown.albedo, shown.alpha, strict=True):
-            write_png(folder / name, torch.cat([linear_from_srgb(color), alpha]), srgb=True)
-        write_transforms(folder / "transforms.json", names, cameras)
-    np.savez(tmp_path / "mesh.npz", vertices=asset.mesh.vertices.numpy(), faces=asset.mesh.faces.numpy())
-    truth = Truth(map_pictures(asset, PROTOCOL.tests()), map_pictures(asset, (PROTOCOL.front(),)), tmp_path, tmp_path)
-    return EvaluationEntry("ball", tmp_path / "ball.glb", "pbr"), EvaluationObject("ball", tmp_path), truth
+def scene(ball_data, asset):
+    """Entry, views as files and truth of the ball; the truth is not rounded to bytes."""
+    item = EvaluationObject("ball", ball_data / "truth" / PROTOCOL.folder / "ball")
+    shown = (map_pictures(asset, cameras) for cameras in (PROTOCOL.tests(), (PROTOCOL.front(),)))
+    return EvaluationEntry("ball", ball_data / "ball.glb", "pbr"), item, Truth(*shown, ball_data, ball_data)
 
 
 def answer(monkeypatch, asset: RelightableAsset) -> None:
-    monkeypatch.setattr(pipeline, "generate", lambda views, settings: (asset, Report("small", "cpu", 0)))
+    monkeypatch.setattr(pipeline, "generate", lambda views, settings, mesh=None: (asset, Report("small", "cpu", 0)))
 
 
 def trial(**changes) -> Trial:
@@ -93,7 +81,7 @@ def test_a_darker_albedo_is_wrong_but_for_its_scale(scene, asset, monkeypatch):
 
 
 def test_what_finds_no_surface_scores_nothing_and_the_hull_still_counts(scene, monkeypatch):
-    def nothing(views, settings):
+    def nothing(views, settings, mesh=None):
         raise EmptyMeshError("no surface")
 
     monkeypatch.setattr(pipeline, "generate", nothing)
@@ -115,3 +103,49 @@ def test_single_views_and_a_provider_are_tried_where_they_are_asked_for(scene, a
         assert result.systems[name].aligned.f_coarse == 1.0
         assert result.systems[name].overlap > 0.95
     assert result.systems[ONE_VIEW].geometry.f_coarse == 0.0  # Its frame is known: elsewhere is wrong.
+
+
+def test_what_brings_no_shape_is_given_ours(scene, asset, monkeypatch, tmp_path):
+    """And one that does is asked for it."""
+    asked, folders = [], {name: tmp_path / name for name in ("albedo", "shape")}
+    for folder, network in zip(folders.values(), ("instant_albedo", "georm"), strict=True):
+        folder.mkdir()
+        (folder / SETTINGS.weights(network).name).touch()
+
+    def generate(views, settings, mesh=None):
+        asked.append((settings.weights_folder, mesh))
+        return asset, Report("small", "cpu", 0)
+
+    monkeypatch.setattr(pipeline, "generate", generate)
+    others = {name: replace(SETTINGS, weights_folder=folder) for name, folder in folders.items()}
+    others["other grid"] = replace(SETTINGS, grid=48)
+    result, _ = measure(*scene, trial(one_view=False, others=others))
+    given = [mesh is asset.mesh for _, mesh in asked]
+    assert [folder for folder, _ in asked] == [None, *folders.values(), None]
+    assert given == [False, True, False, False] and all(mesh is None for _, mesh in asked[2:])
+    ours = result.systems[OURS]
+    assert all((s.geometry, s.aligned) == (ours.geometry, ours.aligned) for s in map(result.systems.get, others))
+    assert result.systems[BLEND].geometry is None
+
+
+def test_lpips_is_a_column_where_its_weights_are_named(ball_data, asset, monkeypatch, capsys):
+    """Weights of the right shapes at random widths: the distances are the network's, and 0 of what is the truth."""
+    answer(monkeypatch, asset)
+    monkeypatch.setattr(evaluate, "measured_cost", lambda views, trial: None)
+    weights = load_file(Path(__file__).parents[1] / "data" / "parity" / "lpips_narrow_alex.safetensors")
+    file = ball_data / "lpips.alex.safetensors"
+    save_file({k.removeprefix("weights/"): t for k, t in weights.items() if k.startswith("weights/")}, file)
+    words = ["--data", str(ball_data), "--cache", str(ball_data / "truth"), "--output", str(ball_data / "out")]
+    words += ["--resolution", "64", "--test-views", "4", "--no-cycles", "--no-single", "--no-sheets", "--grid", "32"]
+    assert main(["evaluate", *words]) == 0
+    assert "LPIPS" not in capsys.readouterr().out
+    assert main(["evaluate", *words, "--lpips", str(file)]) == 0
+    table = capsys.readouterr().out.partition("## Means over the set `pbr`")[2].strip().splitlines()
+    columns = [cell.strip() for cell in table[0].split("|")]
+    rows = {line.split("|")[1].strip(): [cell.strip() for cell in line.split("|")] for line in table[2:5]}
+    place = columns.index("albedo LPIPS")
+    assert float(rows[OURS][place]) == 0.0 < float(rows[HULL][place])
+    (item,) = json.loads((ball_data / "out" / "results.json").read_text())["objects"]
+    shown = item["systems"][HULL]["maps"]
+    assert shown["albedo"]["lpips"] == pytest.approx(float(rows[HULL][place]), abs=6e-4)
+    assert shown["roughness"]["lpips"] > 0.0  # One channel is shown to the network as grey.

@@ -12,7 +12,7 @@ from arm_blender import checkpoints
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.models.georm import GeoRM
 from arm_blender.models.glossyrm import GlossyRM
-from arm_blender.models.reconstruction import SMALL, EncodedViews, ReconstructionConfig
+from arm_blender.models.reconstruction import SMALL, SMALL_TRIPLANE, EncodedViews, ReconstructionConfig
 from training import __main__ as command
 from training.datasets import outline_samples, point_samples
 from training.stages.georm_occupancy import TEMPERATURE, intersection_over_union, occupancy_loss
@@ -178,6 +178,26 @@ def has_a_say(shards, config: ReconstructionConfig, weights: dict) -> bool:
     changed = EncodedViews(torch.randn_like(encoded.planes), other, volume, network.model.refined(other, volume))
     points = torch.rand(1, 50, 3) - 0.5
     return not torch.equal(network.occupancy_logit(encoded, points), network.occupancy_logit(changed, points))
+
+
+def test_triplanes_alone_are_fitted_from_pictures_and_loaded_as_such(shards, tmp_path, capsys):
+    words = ["--shards", str(shards), "--batch", "1", "--points", "64", "--no-pixel-aligned"]
+    first = tmp_path / "first.safetensors"
+    assert command.main(["fit", "georm", *words, "--steps", "2", "--log-every", "1", "--output", str(first)]) == 0
+    config, state = checkpoints.load(first, ReconstructionConfig)
+    assert config == SMALL_TRIPLANE and not any("volume" in key or "pyramid" in key for key in state)
+    network = GeoRM(config)
+    checkpoints.restore(network, state, first)
+    views = point_samples.expanded(point_samples.load_occupancy(next(shards.glob("ball/rig_0.npz"))).views)
+    repainted = replace(views, images=1.0 - views.images)
+    points = torch.rand(1, 50, 3) - 0.5
+    with torch.no_grad():
+        found = [network.occupancy_logit(network.encode(each), points) for each in (views, repainted)]
+    assert not torch.equal(*found)
+    logged = (tmp_path / "runs" / "first" / "scalars.csv").read_text()
+    assert ",mean,occupancy," in logged and "depth" not in logged and ",validation,iou," in logged
+    assert command.main(["fit", "georm", *words, "--output", str(first), "--no-features"]) == 1
+    assert "need what it leaves out" in capsys.readouterr().err
 
 
 def test_outlines_keep_the_volume_learning_beside_the_pictures(shards, tmp_path, caplog):

@@ -42,12 +42,12 @@ def colored_lights(
 def file_appearance(
     path: Path, motion: Tensor, cameras: Sequence[Camera], lights: Sequence[Path], protocol: Protocol
 ) -> Appearance:
-    """What another system's mesh shows once it is moved: its own maps, and itself under both lights.
+    """What another system's mesh shows once it is moved: its own maps, and itself under one light, or two.
 
     Args:
         path: GLB, glTF or OBJ; an OBJ is taken to be Z up.
         motion: (4, 4) from the file's frame (Z up, as Blender imports it) to the truth's.
-        lights: that of the inputs, and the other.
+        lights: that it is lit by, and if there is a second that it is relit by.
     Raises:
         ArmError: the format is another.
     """
@@ -61,7 +61,6 @@ def file_appearance(
     light(lights[0])
     pictures = render_pictures(cameras)
     rgba = _channels_first([picture["rgba"] for picture in pictures])
-    light(lights[1])
     found = Appearance(
         tuple(cameras),
         rgba[:, 3:],
@@ -70,6 +69,9 @@ def file_appearance(
         _channels_first([picture["metallic"][..., None] for picture in pictures]),
         lit=rgba[:, :3],
     )
+    if len(lights) == 1:
+        return found
+    light(lights[1])
     relit = _channels_first([picture["rgba"][..., :3] for picture in render_pictures(cameras)])
     return replace(found, relit=relit)
 

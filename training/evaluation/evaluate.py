@@ -24,7 +24,7 @@ from .measure import ONE_VIEW, OURS, ObjectResult, measure
 from .objects import EvaluationObject
 from .other_system import measure_file
 from .output import card_text, front_text, write_tables
-from .protocol import QUICK, EvaluationEntry, Protocol
+from .protocol import PAPER_COUNTS, QUICK, EvaluationEntry, Protocol
 from .results import fill_block
 from .resume import kept_results
 from .sheets import Sheets
@@ -58,6 +58,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--resolution", type=int, default=Protocol.resolution, help="pixels a side of every view")
     parser.add_argument("--samples", type=int, default=Protocol.samples, help="of Cycles, a pixel")
     parser.add_argument("--test-views", type=int, default=Protocol.views, help="around the object")
+    parser.add_argument(
+        "--paper-protocol", action="store_true", help="32 test views, and 24 that are relit under 6 environments"
+    )
     parser.add_argument("--quick", action="store_true", help="six objects, four test views, eight samples")
     parser.add_argument("--no-cycles", action="store_true", help="maps and shapes alone: no lit colour, no relighting")
     parser.add_argument("--no-single", action="store_true", help="six views only, not the one view")
@@ -71,12 +74,12 @@ def run(args: argparse.Namespace) -> int:
     """Measure every object, and write `results.md`, `results.json` and the sheets."""
     if args.views is not None:
         return shape_table.run(args)
-    protocol = QUICK if args.quick else Protocol(args.resolution, args.samples, views=args.test_views)
+    protocol = _protocol(args)
     entries, trial = _entries(args), _trial(args, protocol)
     check_output(args.output)
     args.output.mkdir(parents=True, exist_ok=True)
     cache = args.cache / protocol.folder
-    _render_truth(entries, cache, args, protocol)
+    render_truth(entries, cache, args.data, args.dataset, protocol)
     cost = None if args.meshes else measured_cost(cache / entries[0].name, trial)
     known = kept_results(args.output, trial) if args.resume else {}
     results, sheets = [], None if args.no_sheets else Sheets(args.output)
@@ -85,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
             results.append(known[entry.name])
             continue
         item = EvaluationObject(entry.name, cache / entry.name)
-        truth = read_truth(item, args.data)
+        truth = read_truth(item, args.data, protocol)
         result, shown = (measure if trial.meshes is None else measure_file)(entry, item, truth, trial)
         results.append(result)
         logger.info("%d of %d, %s", index + 1, len(entries), _summary(result))
@@ -104,6 +107,21 @@ def run(args: argparse.Namespace) -> int:
         fill_block(args.update_card, "measured", card_text(results, trial, args.command))
     print((args.output / "results.md").read_text(encoding="utf-8"))
     return 0
+
+
+def _protocol(args: argparse.Namespace) -> Protocol:
+    """What the words ask to render.
+
+    Raises:
+        ArmError: two of them contradict each other.
+    """
+    if args.quick and args.paper_protocol:
+        raise ArmError("--quick and --paper-protocol: give one of them")
+    if args.quick:
+        return QUICK
+    counts = PAPER_COUNTS if args.paper_protocol else {"views": args.test_views}
+    # Fewer samples are for speed: then the assets have no more of them than the truth.
+    return Protocol(args.resolution, args.samples, min(args.samples, Protocol.asset_samples), **counts)
 
 
 def _trial(args: argparse.Namespace, protocol: Protocol) -> Trial:
@@ -146,17 +164,24 @@ def _entries(args: argparse.Namespace) -> list[EvaluationEntry]:
     return entries[: args.limit]
 
 
-def _render_truth(
-    entries: Sequence[EvaluationEntry], cache: Path, args: argparse.Namespace, protocol: Protocol
+def render_truth(
+    entries: Sequence[EvaluationEntry], cache: Path, data: Path, dataset: str, protocol: Protocol
 ) -> None:
-    """Whatever the cache lacks; only then Blender is needed here."""
+    """Whatever the cache lacks; only then Blender is needed here.
+
+    Args:
+        cache: folder of the protocol.
+        dataset: how `data` is laid out, one of `DATASETS`.
+    Raises:
+        ArmError: an object cannot be rendered.
+    """
     if all(is_whole(cache / entry.name) for entry in entries):
         return
     from .truth_blender import environments, render_missing
 
-    hdris = read_manifest(args.data)["hdris"] if args.dataset == "manifest" else []
-    lights = {split: [args.data / h["files"][0] for h in hdris if h["split"] == split] for split in ("train", "eval")}
-    render_missing(entries, cache, args.data, environments(lights), protocol)
+    hdris = read_manifest(data)["hdris"] if dataset == "manifest" else []
+    lights = {split: [data / h["files"][0] for h in hdris if h["split"] == split] for split in ("train", "eval")}
+    render_missing(entries, cache, data, environments(lights), protocol)
 
 
 def _summary(result: ObjectResult) -> str:

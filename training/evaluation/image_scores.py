@@ -63,8 +63,19 @@ def compare_pictures(
     whole = (x - y).square().flatten(1).mean(dim=1).tolist()
     distance = None
     if perceptual is not None:
-        distance = float(perceptual(*(image.expand(-1, 3, -1, -1) for image in (x, y))))
+        # One view after the other: a network's features of all of them would fill the memory.
+        pairs = zip(*(image.expand(-1, 3, -1, -1).split(1) for image in (x, y)), strict=True)
+        distance = sum(float(perceptual(a, b)) for a, b in pairs) / len(x)
     return ImageScores(_mean_psnr(inside), _mean_psnr(whole), float(similarity(x, y).mean()), distance)
+
+
+def mean_scores(scores: Sequence[ImageScores]) -> ImageScores:
+    """The mean of scores of as many views each."""
+    distances = [score.lpips for score in scores if score.lpips is not None]
+    return ImageScores(
+        *(sum(getattr(score, name) for score in scores) / len(scores) for name in ("psnr_in", "psnr_full", "ssim")),
+        lpips=sum(distances) / len(distances) if len(distances) == len(scores) else None,
+    )
 
 
 def mask_overlap(found_alpha: Tensor, true_alpha: Tensor) -> float:

@@ -2,6 +2,7 @@
 
 import logging
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -21,6 +22,7 @@ from .geometry import FAILED, GeometryScores, ceiling, compare
 from .image_scores import MISSED, ImageScores, ViewMoments, compare_pictures, mask_overlap, moments
 from .objects import EvaluationObject
 from .protocol import UNMEASURED, EvaluationEntry
+from .relighting import under_lights
 from .trial import Trial
 from .truth import FRONT, Appearance, Truth
 
@@ -89,19 +91,24 @@ def measure(entry: EvaluationEntry, item: EvaluationObject, truth: Truth, trial:
     shown = Shown(views, truth, {}, {"truth": surface})
     systems, seconds, measured = {}, {}, {}
     asset, report = _generate(views, trial.settings)
+    kept = None
     if asset is None:
         systems |= {OURS: _failed(truth, entry), BLEND: _failed(truth, entry)}
     else:
         seconds = report.seconds
-        systems[OURS] = _score_asset(OURS, asset, entry, shown, trial, cycles=trial.cycles)
-        systems[BLEND] = _score_asset(BLEND, plain_blend(asset, views, trial.settings), entry, shown, trial)
+        kept = systems[OURS] = _score_asset(OURS, asset, entry, shown, trial, cycles=trial.cycles)
+        blended = plain_blend(asset, views, trial.settings)
+        # In the table ours stands for its shape.
+        systems[BLEND] = replace(_score_asset(BLEND, blended, entry, shown, trial, kept), geometry=None, aligned=None)
         if entry.has_material:
             alpha, tests = shown.pictures[OURS].alpha, truth.tests
             measured = {name: moments(getattr(tests, name), alpha, tests.alpha) for name in ("roughness", "metallic")}
     systems[HULL] = score_hull(entry, shown, trial)
     for name, settings in trial.others.items():
-        other, _ = _generate(views, settings)
-        systems[name] = _failed(truth, entry) if other is None else _score_asset(name, other, entry, shown, trial)
+        # What brings no weights of the shape has ours; making it anew would take most of the time.
+        same = kept if has_our_shape(settings, trial) else None
+        other, _ = _generate(views, settings, None if same is None else asset.mesh)
+        systems[name] = _failed(truth, entry) if other is None else _score_asset(name, other, entry, shown, trial, same)
     if trial.one_view:
         systems |= _single_views(entry, item, shown, trial)
     best = ceiling(surface, trial.points, trial.seed)
@@ -130,9 +137,17 @@ def scaled_albedo(found: Appearance, truth: Appearance) -> torch.Tensor:
     return srgb_from_linear(own * factor)
 
 
-def _generate(views: ViewSet, settings: Settings) -> tuple[RelightableAsset | None, Report | None]:
+def has_our_shape(settings: Settings, trial: Trial) -> bool:
+    """Whether settings give the shape that those of the trial give: they differ in weights of the appearance alone."""
+    own = settings.weights("georm") == trial.settings.weights("georm")
+    return own and replace(settings, weights_folder=trial.settings.weights_folder) == trial.settings
+
+
+def _generate(
+    views: ViewSet, settings: Settings, mesh: UvMesh | None = None
+) -> tuple[RelightableAsset | None, Report | None]:
     try:
-        return pipeline.generate(views, settings)
+        return pipeline.generate(views, settings, mesh=mesh)
     except EmptyMeshError as error:
         logger.warning("%s: %s", views.name, error)
         return None, None
@@ -144,20 +159,32 @@ def _failed(truth: Truth, entry: EvaluationEntry) -> SystemResult:
 
 
 def _score_asset(
-    name: str, asset: RelightableAsset, entry: EvaluationEntry, shown: Shown, trial: Trial, cycles: bool = False
+    name: str,
+    asset: RelightableAsset,
+    entry: EvaluationEntry,
+    shown: Shown,
+    trial: Trial,
+    same: SystemResult | None = None,
+    cycles: bool = False,
 ) -> SystemResult:
-    """An asset in the cameras' frame; what it shows is kept."""
+    """An asset in the cameras' frame; what it shows is kept.
+
+    Args:
+        same: of a system that has the same shape; its scores of that are taken.
+        cycles: render it under the truth's lights.
+    """
     tests, surface = shown.truth.tests, shown.shapes["truth"]
-    found = map_pictures(asset, tests.cameras)
+    found, relit = map_pictures(asset, tests.cameras), {}
     if cycles:
         from .asset_render_blender import asset_lights
 
-        lit, relit = asset_lights(asset, tests.cameras, _lights(shown), trial.protocol)
-        found = replace(found, lit=lit, relit=relit)
+        show, render = partial(map_pictures, asset), partial(asset_lights, asset, protocol=trial.protocol)
+        found, relit = under_lights(found, show, render, shown.truth, trial.perceptual)
     shown.pictures[name], shown.shapes[name] = found, _shape(asset.mesh)
     result = score_pictures(found, tests, entry, trial)
-    if name == BLEND:
-        return result  # Its shape is ours.
+    result = replace(result, maps=result.maps | relit)
+    if same is not None:
+        return replace(result, geometry=same.geometry, aligned=same.aligned)
     motion = moved_by(align(shown.shapes[name], surface, trial.seed, trial.alignment))
     return replace(
         result,
@@ -170,15 +197,17 @@ def score_hull(entry: EvaluationEntry, shown: Shown, trial: Trial) -> SystemResu
     """The visual hull with the views' colours; what it shows is kept."""
     tests = shown.truth.tests
     hull = colored_hull(shown.views, trial.settings.resolved.grid, UNMEASURED)
-    found = vertex_pictures(hull.mesh, hull.colors, UNMEASURED, tests.cameras)
+    show = partial(vertex_pictures, hull.mesh, hull.colors, UNMEASURED)
+    found, relit = show(tests.cameras), {}
     if trial.cycles:
         from .asset_render_blender import colored_lights
 
-        lit, relit = colored_lights(hull, tests.cameras, _lights(shown), trial.protocol)
-        found = replace(found, lit=lit, relit=relit)
+        render = partial(colored_lights, hull, protocol=trial.protocol)
+        found, relit = under_lights(found, show, render, shown.truth, trial.perceptual)
     shown.pictures[HULL], shown.shapes[HULL] = found, hull.mesh
-    scores = compare(hull.mesh, shown.shapes["truth"], trial.points, trial.seed)
-    return replace(score_pictures(found, tests, entry, trial), geometry=scores)
+    result = score_pictures(found, tests, entry, trial)
+    shape = compare(hull.mesh, shown.shapes["truth"], trial.points, trial.seed)
+    return replace(result, geometry=shape, maps=result.maps | relit)
 
 
 def _single_views(
@@ -223,7 +252,3 @@ def _unposed(
 
 def _shape(mesh: UvMesh) -> TriangleMesh:
     return TriangleMesh(mesh.vertices, mesh.faces)
-
-
-def _lights(shown: Shown) -> tuple[Path, Path]:
-    return shown.truth.input_light, shown.truth.other_light

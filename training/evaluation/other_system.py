@@ -15,6 +15,7 @@ from .image_scores import moments
 from .measure import HULL, OURS, ObjectResult, Shown, score_hull, score_pictures
 from .objects import EvaluationObject
 from .protocol import EvaluationEntry
+from .relighting import relighting_scores
 from .trial import Trial
 from .truth import Truth
 
@@ -52,11 +53,23 @@ def measure_file(
     from .asset_render_blender import file_appearance
 
     place = torch.eye(4) if trial.own_frame else motion
-    lights = truth.input_light, truth.other_light
-    found = file_appearance(path, place, truth.tests.cameras, lights, trial.protocol)
+    if truth.relighting is None:
+        lights = truth.input_light, truth.other_light
+        found, relit = file_appearance(path, place, truth.tests.cameras, lights, trial.protocol), {}
+    else:
+        relighting = truth.relighting
+
+        def show(light: Path) -> tuple[torch.Tensor, torch.Tensor]:
+            appearance = file_appearance(path, place, relighting.cameras, (light,), trial.protocol)
+            return appearance.lit, appearance.alpha
+
+        found = file_appearance(path, place, truth.tests.cameras, (truth.input_light,), trial.protocol)
+        relit = {"relit": relighting_scores(relighting, show, trial.perceptual)}
     shown.shapes[OURS], shown.pictures[OURS] = shape.moved(moved_by(place)), found
+    result = score_pictures(found, truth.tests, entry, trial)
     ours = replace(
-        score_pictures(found, truth.tests, entry, trial),
+        result,
+        maps=result.maps | relit,
         geometry=compare(shape, surface, trial.points, trial.seed) if trial.own_frame else None,
         aligned=aligned,
     )

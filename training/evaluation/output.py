@@ -74,7 +74,11 @@ def setting_text(results: Sequence[ObjectResult], trial: Trial) -> str:
     text = f"{len(results)} objects, {protocol.views} test views of {protocol.resolution}², "
     if trial.cycles:
         text += f"by Cycles at {protocol.samples} samples a pixel (assets {protocol.asset_samples}, all denoised), "
-        text += "one environment for inputs and lit colour and one for relighting, "
+        text += "one environment for inputs and lit colour"
+        if protocol.relit_views is None:
+            text += " and one for relighting, "
+        else:
+            text += f", relighting of {protocol.relit_views} views under {protocol.environments} environments, "
     else:
         text += "nothing lit, "
     return f"{text}{trial.points:,} points on each surface."

@@ -38,12 +38,21 @@ class Protocol:
     asset_samples: int = 16
     """Of the assets, denoised as well; the truth's noise would be a ceiling for all of them, theirs is not."""
     views: int = 8
-    """Test views, a divisor of 360. Fewer leave sides of the object unjudged."""
+    """Test views, evenly around the object. Fewer leave sides of it unjudged."""
+    relit_views: int | None = None
+    """Views that are relit, in a ring of their own; None relights the test views, under one environment."""
+    environments: int = 1
+    """That those are relit under, one after the other."""
+
+    def __post_init__(self) -> None:
+        if self.relit_views is None and self.environments != 1:
+            raise ValueError(f"{self.environments} environments: how many views are relit? give relit_views")
 
     @property
     def folder(self) -> str:
         """Name of its folder."""
-        return f"{self.resolution}px-{self.samples}spp-{self.views}views"
+        name = f"{self.resolution}px-{self.samples}spp-{self.views}views"
+        return name if self.relit_views is None else f"{name}-{self.relit_views}x{self.environments}relit"
 
     def inputs(self) -> tuple[Camera, ...]:
         """The Zero123++ v1.2 rig."""
@@ -55,9 +64,15 @@ class Protocol:
 
     def tests(self) -> tuple[Camera, ...]:
         """Cameras that are none of the inputs."""
-        step = 360.0 / self.views
-        elevations = TEST_ELEVATIONS_DEG * self.views
-        return tuple(self._orbit(7.5 + step * k, elevations[k]) for k in range(self.views))
+        return self._ring(self.views)
+
+    def relit(self) -> tuple[Camera, ...]:
+        """Cameras of the views that are relit."""
+        return self._ring(self.views if self.relit_views is None else self.relit_views)
+
+    def _ring(self, count: int) -> tuple[Camera, ...]:
+        elevations = TEST_ELEVATIONS_DEG * count
+        return tuple(self._orbit(7.5 + 360.0 / count * k, elevations[k]) for k in range(count))
 
     def _orbit(self, azimuth_deg: float, elevation_deg: float) -> Camera:
         return orbit_camera(azimuth_deg, elevation_deg, DISTANCE, FOVY_DEG, self.resolution, self.resolution)
@@ -65,6 +80,9 @@ class Protocol:
 
 QUICK = Protocol(samples=8, asset_samples=8, views=4)
 """Of `--quick`."""
+
+PAPER_COUNTS = {"views": 32, "relit_views": 24, "environments": 6}
+"""Of `--paper-protocol`: how many views and environments the paper compares (section 6)."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ over the objects. It is what a constant would say that never saw the evaluation.
 def means_table(results: Sequence[ObjectResult], kind: str) -> str:
     """Markdown: a row per system with its means over the objects of one set."""
     header = ["system", *MEASURES.values(), *(f"{name}, aligned" for name in MEASURES.values()), "IoU"]
-    header += [f"{name} {what}" for name in (*MAPS[:1], SCALED, *MAPS[1:]) for what in ("in", "full", "SSIM")]
+    header += [f"{name} {what}" for name in (*MAPS[:1], SCALED, *MAPS[1:]) for what in ("in", "full", "SSIM", "LPIPS")]
     rows = []
     for system in dict.fromkeys(name for result in results for name in result.systems):
         numbers = [mean(results, (kind,), system, read) for read in _readers()]
@@ -104,7 +104,7 @@ def _readers() -> list[Reader]:
     readers += [_aligned_reader(name) for name in MEASURES]
     readers.append(lambda result: result.overlap)
     for name in (*MAPS[:1], SCALED, *MAPS[1:]):
-        readers += [map_score(name, score) for score in ("psnr_in", "psnr_full", "ssim")]
+        readers += [map_score(name, score) for score in ("psnr_in", "psnr_full", "ssim", "lpips")]
     return readers
 
 

@@ -87,10 +87,10 @@ def object_sheet(shown: Shown) -> Image.Image:
 
 
 def large_sheet(shown: Shown) -> Image.Image:
-    """Truth and ours from every test view, at the views' own size."""
+    """Truth and ours from the test views, eight of them where there are more, at the views' own size."""
     tests = shown.truth.tests
     rows: list[list[Cell]] = []
-    for view in range(len(tests.cameras)):
+    for view in range(0, len(tests.cameras), max(1, len(tests.cameras) // 8)):
         rows += _rows(shown, view, ("truth", OURS))
     return tiled(rows, len(MAPS) + 1, tests.cameras[0].width)
 

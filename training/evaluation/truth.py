@@ -2,7 +2,8 @@
 
 `CACHE/<protocol>/<id>/`: `transforms.json` with the six input views, as a user would bring them; `front/` with the one
 true view in the same layout; `mesh.npz`, the true surface; `truth.npz`, the test views and the front view last; and
-`truth.json`, what it was rendered with. A folder is there whole or not at all.
+`truth.json`, what it was rendered with. Where other views than those are relit, `relit-<k>.npz` holds them under each
+light. A folder is there whole or not at all.
 """
 
 import json
@@ -18,6 +19,7 @@ from arm_blender.graphics.cameras import Camera
 
 from ..datasets import shards
 from .objects import EvaluationObject
+from .protocol import Protocol
 
 ARRAYS, RECORD, FRONT = "truth.npz", "truth.json", "front"
 
@@ -55,6 +57,21 @@ class Appearance:
 
 
 @dataclass(frozen=True)
+class Relighting:
+    """Views of their own under several lights; their pictures stay on disk.
+
+    Attributes:
+        cameras: V of them.
+        files: of each light, for `relighting.relit_pictures`.
+        lights: HDRI files, in the same order.
+    """
+
+    cameras: tuple[Camera, ...]
+    files: tuple[Path, ...]
+    lights: tuple[Path, ...]
+
+
+@dataclass(frozen=True)
 class Truth:
     """One object of the cache.
 
@@ -62,12 +79,14 @@ class Truth:
         tests: what the test views show.
         front: what the one true view shows; it is not relit.
         input_light, other_light: HDRI files of the lit and the relit views.
+        relighting: views that are relit instead of the test views; None where it is those.
     """
 
     tests: Appearance
     front: Appearance
     input_light: Path
     other_light: Path
+    relighting: Relighting | None = None
 
 
 def is_whole(folder: Path) -> bool:
@@ -75,11 +94,12 @@ def is_whole(folder: Path) -> bool:
     return (folder / RECORD).is_file()
 
 
-def read_truth(item: EvaluationObject, data: Path) -> Truth:
+def read_truth(item: EvaluationObject, data: Path, protocol: Protocol) -> Truth:
     """The truth of an object.
 
     Args:
         data: the data folder, to which the HDRIs' paths are relative.
+        protocol: by which it was rendered.
     Raises:
         ArmError: it is missing or damaged.
     """
@@ -88,10 +108,19 @@ def read_truth(item: EvaluationObject, data: Path) -> Truth:
         with np.load(item.folder / ARRAYS) as file:
             arrays = {name: file[name] for name in file.files}
         lights = [data / record[name] for name in ("input_light", "other_light")]
+        relighting = None
+        if protocol.relit_views is not None:
+            others = tuple(data / name for name in record["relit_lights"])
+            relighting = Relighting(protocol.relit(), tuple(relit_files(item.folder, len(others))), others)
     except (OSError, ValueError, KeyError) as error:
         raise ArmError(f"{item.folder}: no whole truth ({error}); remove the folder, it is rendered again") from error
     views = _appearance(arrays)
-    return Truth(views.only(slice(None, -1)), views.only(slice(-1, None)), *lights)
+    return Truth(views.only(slice(None, -1)), views.only(slice(-1, None)), *lights, relighting)
+
+
+def relit_files(folder: Path, count: int) -> list[Path]:
+    """Of an object's folder, one for each light."""
+    return [folder / f"relit-{k}.npz" for k in range(count)]
 
 
 def _appearance(arrays: dict[str, np.ndarray]) -> Appearance:
@@ -103,7 +132,7 @@ def _appearance(arrays: dict[str, np.ndarray]) -> Appearance:
         _unit(arrays["roughness"][..., None]),
         _unit(arrays["metallic"][..., None]),
         lit=rgba[:, :3],
-        relit=_unit(arrays["relit"]),
+        relit=_unit(arrays["relit"]) if "relit" in arrays else None,
     )
 
 

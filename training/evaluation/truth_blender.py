@@ -29,7 +29,8 @@ from ..datasets.scene_blender import (
 )
 from ..datasets.shards import save_arrays
 from .protocol import EXPOSURE, UNMEASURED, EvaluationEntry, Protocol, chosen_for
-from .truth import ARRAYS, FRONT, RECORD, is_whole
+from .relighting import relit_lights, save_relit
+from .truth import ARRAYS, FRONT, RECORD, is_whole, relit_files
 
 logger = logging.getLogger(__name__)
 
@@ -52,10 +53,15 @@ def render_missing(
     for index, entry in enumerate(missing):
         logger.info("rendering the truth: %d of %d, %s", index + 1, len(missing), entry.name)
         first, other = (chosen_for(entry.name, lights[split]) for split in ("train", "eval"))
+        others = [other]
+        if protocol.relit_views is not None:
+            others = relit_lights(lights["eval"], blender_environments(), first, protocol.environments)
         try:
             with staging(cache) as stage:
-                _render(entry, first, other, stage / entry.name, protocol)
+                _render(entry, first, others, stage / entry.name, protocol)
                 record = {"input_light": _name(first, data), "other_light": _name(other, data)}
+                if protocol.relit_views is not None:
+                    record["relit_lights"] = [_name(light, data) for light in others]
                 write_json(stage / entry.name / RECORD, record | {"kind": entry.kind, "file": entry.path.name})
                 (stage / entry.name).replace(cache / entry.name)
         except RuntimeError as error:  # Blender's importers raise it on a broken file.
@@ -73,7 +79,7 @@ def _name(hdri: Path, data: Path) -> str:
     return str(hdri.relative_to(data) if hdri.is_relative_to(data) else hdri)
 
 
-def _render(entry: EvaluationEntry, first: Path, other: Path, folder: Path, protocol: Protocol) -> None:
+def _render(entry: EvaluationEntry, first: Path, others: list[Path], folder: Path, protocol: Protocol) -> None:
     objects = import_object(entry.path, entry.up)
     normalise(objects)
     vertices, faces = triangles(objects)
@@ -86,15 +92,19 @@ def _render(entry: EvaluationEntry, first: Path, other: Path, folder: Path, prot
     inputs = render_pictures(protocol.inputs())
     tests = (*protocol.tests(), protocol.front())
     lit = render_pictures(tests)
-    light(other)
-    relit = render_pictures(tests[:-1])
     write_views(folder, inputs, protocol.inputs())
     write_views(folder / FRONT, lit[-1:], tests[-1:])
     save_arrays(folder / "mesh.npz", {"vertices": vertices, "faces": faces.astype(np.int32)})
     names = ("rgba", "albedo", "roughness", "metallic", "depth")
     arrays = {name: np.stack([view[name] for view in lit]) for name in names}
-    # The front view comes last and has no other light of its own.
-    arrays["relit"] = np.stack([view["rgba"][..., :3] for view in (*relit, lit[-1])])
+    for path, other in zip(relit_files(folder, len(others)), others, strict=True):
+        light(other)
+        relit = [view["rgba"] for view in render_pictures(protocol.relit())]
+        if protocol.relit_views is None:
+            # The front view comes last and has no other light of its own.
+            arrays["relit"] = np.stack([rgba[..., :3] for rgba in (*relit, lit[-1]["rgba"])])
+        else:
+            save_relit(path, relit)
     arrays["c2w"] = torch.stack([camera.c2w for camera in tests]).numpy()
     arrays["K"] = torch.stack([camera.K for camera in tests]).numpy()
     save_arrays(folder / ARRAYS, arrays)

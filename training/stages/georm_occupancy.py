@@ -15,8 +15,9 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from arm_blender import checkpoints
+from arm_blender.errors import ArmError
 from arm_blender.models.georm import GeoRM
-from arm_blender.models.reconstruction import SMALL, EncodedViews, NetworkViews
+from arm_blender.models.reconstruction import SMALL, SMALL_TRIPLANE, EncodedViews, NetworkViews
 from arm_blender.models.visual_hull import Outlines
 
 from .. import distributed
@@ -61,21 +62,28 @@ def occupancy_loss(logit: Tensor, distance: Tensor, hull: Tensor) -> Tensor:
     return (weight * error).sum() / weight.sum()
 
 
-def loss_terms(model: GeoRM, encoded: EncodedViews, points: Tensor, distance: Tensor) -> dict[str, Tensor]:
-    """The occupancy losses of the network and, weighted, of its volume's own vote, at world points (B, P, 3)."""
+def loss_terms(
+    model: GeoRM, encoded: EncodedViews, outlines: Outlines, points: Tensor, distance: Tensor
+) -> dict[str, Tensor]:
+    """The occupancy losses of the network and, weighted, of its volume's own vote, at world points (B, P, 3).
+
+    Args:
+        outlines: of the encoded views; a network without pixel-aligned features does not know them.
+        distance: (B, P) to the true surface, world units, positive inside.
+    """
     with torch.no_grad():
-        hull = encoded.views.outlines.hull_distance(points)
-    return {
-        "occupancy": occupancy_loss(model.occupancy_logit(encoded, points), distance, hull),
-        "coarse": COARSE_WEIGHT * occupancy_loss(model.coarse_logit(encoded, points), distance, hull),
-    }
+        hull = outlines.hull_distance(points)
+    terms = {"occupancy": occupancy_loss(model.occupancy_logit(encoded, points), distance, hull)}
+    if encoded.volume is not None:
+        terms["coarse"] = COARSE_WEIGHT * occupancy_loss(model.coarse_logit(encoded, points), distance, hull)
+    return terms
 
 
 def outline_terms(model: GeoRM, batch: OutlineBatch, bfloat16: bool) -> dict[str, Tensor]:
     """As `loss_terms`, where the network sees outlines and colours alone."""
     with torch.autocast(batch.points.device.type, torch.bfloat16, enabled=bfloat16):
         encoded = encode_outlines(model, batch.outlines, batch.colors)
-    return loss_terms(model, encoded.float(), batch.points, batch.distance)
+    return loss_terms(model, encoded.float(), batch.outlines, batch.points, batch.distance)
 
 
 def intersection_over_union(predicted: Tensor, truth: Tensor) -> float:
@@ -105,12 +113,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--outlines", type=int, default=0, help="objects a step of which outlines and colours alone are shown"
     )
+    parser.add_argument(
+        "--no-pixel-aligned", action="store_true", help="an ablation: triplanes alone, without hull and volumes"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
     """Train and write the averaged weights."""
+    if args.no_pixel_aligned and (args.look_once or args.no_features or args.outlines):
+        raise ArmError("--no-pixel-aligned: --look-once, --no-features and --outlines need what it leaves out")
     torch.manual_seed(args.seed)
-    model = GeoRM(SMALL)
+    model = GeoRM(SMALL_TRIPLANE if args.no_pixel_aligned else SMALL)
     if args.start:
         checkpoints.restore(model, checkpoints.load(args.start, type(SMALL))[1], args.start)
     side = view_side(model, load_occupancy, args)
@@ -124,8 +137,10 @@ def run(args: argparse.Namespace) -> int:
         with torch.autocast(batch.points.device.type, torch.bfloat16, enabled=args.bfloat16):
             encoded = side.encode(model, batch.views)
         encoded = encoded.float()
-        terms = loss_terms(model, encoded, batch.points, batch.target[..., 0])
-        terms["depth"] = DEPTH_WEIGHT * depth_loss(encoded.views.depth, batch.depth)
+        outlines = Outlines(batch.views.silhouette.float(), batch.views.c2w, batch.views.K)
+        terms = loss_terms(model, encoded, outlines, batch.points, batch.target[..., 0])
+        if encoded.views is not None:
+            terms["depth"] = DEPTH_WEIGHT * depth_loss(encoded.views.depth, batch.depth)
         if args.outlines:
             drawn = outline_samples.batch(solids, args.outlines, args.points, draws)
             terms["outlines"] = sum(outline_terms(model, drawn, args.bfloat16).values())
@@ -140,5 +155,5 @@ def run(args: argparse.Namespace) -> int:
     if args.no_features:
         silence_features(averaged)  # The spread of no features is not quite zero, and was learnt from.
     if distributed.rank() == 0:
-        checkpoints.save(args.output, averaged.state_dict(), SMALL, name="small.georm")
+        checkpoints.save(args.output, averaged.state_dict(), model.config, name="small.georm")
     return 0
