@@ -33,8 +33,6 @@ class Preset:
     """Samples of the density along a side of the box, whatever the quality; None follows the quality level."""
     fairing: FairingConfig = FairingConfig()
     """Of the surface, in units of the box [-1, 1]^3."""
-    reflectance: float = 0.0
-    """Of a dielectric, whose reflection is taken off the albedo; 0 for networks that see to it themselves."""
 
 
 PRESETS: dict[str, Preset] = {
@@ -44,7 +42,6 @@ PRESETS: dict[str, Preset] = {
         instant_albedo.SMALL,
         # Its volume has cells of 0.04, whose steps show, and its surface lies inside of the outlines by a little.
         fairing=FairingConfig(wavelength=0.14, swell=0.004),
-        reflectance=0.04,
     ),
     "paper": Preset(reconstruction.PAPER, reconstruction.PAPER, instant_albedo.PAPER, grid=256),  # ARM, section 5.1.
     # InstantMesh has no networks of the material, and those of `small` need to know nothing of the shape's.
@@ -53,7 +50,6 @@ PRESETS: dict[str, Preset] = {
         reconstruction.SMALL_GLOSSY,
         instant_albedo.SMALL,
         material="small",
-        reflectance=0.04,
     ),
 }
 

@@ -201,7 +201,6 @@ def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report,
     else:
         report.leave_out("GlossyRM", "InstantAlbedo predicts roughness and metallic, too")
         roughness, metallic = _gloss_maps(glossy, texels.mask, report)
-    albedo = maps.without_reflection(albedo, metallic, PRESETS[settings.preset].reflectance)
     return MaterialMaps(maps.pad(albedo, texels.mask), maps.pad(baked, texels.mask), roughness, metallic)
 
 

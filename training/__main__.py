@@ -39,6 +39,7 @@ STAGES = {
     "glossyrm-points": ("training.stages.glossyrm_points", "GlossyRM, warmed up at surface points"),
     "glossyrm": ("training.stages.glossyrm", "GlossyRM, on the surface that GeoRM finds: the paper's way"),
     "material-prior": ("training.stages.material_prior", "InstantAlbedo's encoder, on materials that are known"),
+    "delighting": ("training.stages.delighting", "InstantAlbedo's sense of light, at points of GeoRM's shapes"),
     "instant-albedo": ("training.stages.instant_albedo", "InstantAlbedo: albedo and lighting-baked colour"),
 }
 

@@ -16,6 +16,9 @@ from torch.nn import functional
 
 from ..graphics.color import composite, linear_from_srgb, srgb_from_linear
 from ..structures import TexelMap, TexelViews
+from ..uv.maps import diffuse_fill
+from .atlas_cells import cells, enlarged, mean, resized, scaled, surface_cells
+from .delighting import Delighting, DelightingConfig, SeenPoints
 from .ffc import FfcConfig, FfcGenerator
 from .material_encoder import MaterialEncoder, MaterialEncoderConfig
 from .unet import Unet, UnetConfig
@@ -23,9 +26,6 @@ from .vit import VitConfig
 
 _VIEW_CHANNELS = 15
 """Image 3, mask 1, position 3, texture coordinates 2, view direction 3, normal 3."""
-
-_DARK = 0.02
-"""Linear. Added to a colour before it is scaled, so that black can be corrected too."""
 
 _LOG_GAIN = 2.5
 """Bound on the logarithm of a correction: twelve times brighter or darker."""
@@ -66,16 +66,22 @@ class InstantAlbedoConfig:
     """Predict corrections of the blended views, not colours; the paper predicts colours."""
     ablation: Ablation = "none"
     """A part that is left out; weights fit no other choice."""
+    delighting: DelightingConfig | None = None
+    """Finds the light and divides it out of the blended views before the other networks; the paper has none."""
 
     def __post_init__(self) -> None:
         if self.ablation not in get_args(Ablation):
             raise ValueError(f"ablation {self.ablation!r}, expected one of {', '.join(get_args(Ablation))}")
         if self.residual and self.ablation in _BLIND:
             raise ValueError(f"{self.ablation}: corrections of the blend cannot do without it; residual must be off")
+        if self.delighting is not None and not self.residual:
+            raise ValueError("delighting corrects the blended views; residual must be on")
 
     def ablated(self, ablation: Ablation) -> "InstantAlbedoConfig":
         """This config without a part."""
-        return replace(self, ablation=ablation, residual=self.residual and ablation not in _BLIND)
+        if ablation in _BLIND:
+            return replace(self, ablation=ablation, residual=False, delighting=None)
+        return replace(self, ablation=ablation)
 
     @property
     def multiple(self) -> int:
@@ -97,6 +103,7 @@ SMALL = InstantAlbedoConfig(
     ffc=FfcConfig(width=12, downs=3, blocks=2),
     resolution=192,
     residual=True,
+    delighting=DelightingConfig(),
 )
 
 
@@ -122,6 +129,7 @@ class InstantAlbedo(nn.Module):
         if config.residual:
             nn.init.zeros_(self.ffc.last.weight)
             nn.init.zeros_(self.ffc.last.bias)
+        self.delighting = None if config.delighting is None else Delighting(config.delighting)
 
     def forward(self, images: Tensor, texels: TexelMap, seen: TexelViews, base: Tensor) -> tuple[Tensor, Tensor]:
         """Colours of the atlas: the first two of `predict`."""
@@ -150,25 +158,47 @@ class InstantAlbedo(nn.Module):
             raise ValueError(f"resolution {resolution} is no multiple of {self.config.multiple}")
         if base.shape != (3, side, side) or len(images) != len(seen.visibility):
             raise ValueError(f"{len(images)} images, {len(seen.visibility)} views, base {tuple(base.shape)}, T {side}")
-        surface = _surface(texels, resolution)
+        surface = surface_cells(texels, resolution)
         fused, known = self._fuse_views(images, texels, seen, surface)
         inputs = [fused, known, surface[1:]]
         if self.config.residual:
             known_base = torch.where(texels.mask, base, base.new_zeros(()))
-            inputs += [surface[:1], srgb_from_linear(_mean(known_base, surface[:1]))]
+            inputs += [surface[:1], srgb_from_linear(mean(known_base, surface[:1]))]
         predicted = self.ffc(torch.cat(inputs)[None])[0].float()  # (6, n, n)
         predicted, gloss = predicted[:6], predicted[6:].sigmoid() if len(predicted) > 6 else None
         if gloss is not None:
-            gloss = _enlarge(gloss, surface[:1], side)
+            gloss = enlarged(gloss, surface[:1], side)
         if self.config.residual:
-            gain = _enlarge(_LOG_GAIN * torch.tanh(predicted / _LOG_GAIN), surface[:1], side)
+            gain = enlarged(_LOG_GAIN * torch.tanh(predicted / _LOG_GAIN), surface[:1], side)
             # What a view sees is the baked colour; only what no view sees is the network's to say.
-            unseen = 1.0 - _enlarge(_mean((seen.seen & texels.mask)[None].float(), surface[:1]), surface[:1], side)
-            return _scaled(_scaled(base, gain[:3]), gain[3:]), _scaled(base, unseen * gain[:3]), gloss
+            unseen = 1.0 - enlarged(mean((seen.seen & texels.mask)[None].float(), surface[:1]), surface[:1], side)
+            baked, lit = scaled(base, unseen * gain[:3]), scaled(base, gain[:3])
+            if self.delighting is not None:
+                lit = scaled(baked, self._without_light(texels, seen, surface))
+            return scaled(lit, gain[3:]), baked, gloss
         colors = linear_from_srgb(torch.sigmoid(predicted))
         if resolution != side:
-            colors = _enlarge(colors, surface[:1], side)
+            colors = enlarged(colors, surface[:1], side)
         return colors[3:], colors[:3], gloss
+
+    @torch.no_grad()
+    def _without_light(self, texels: TexelMap, seen: TexelViews, surface: Tensor) -> Tensor:
+        """(3, T, T) logarithm of albedo over the views' blend, found for cells that views see and spread to the others.
+
+        Not learnt from here: `fit delighting` has its own samples.
+        """
+        side, resolution = texels.mask.shape[-1], surface.shape[-1]
+        share = torch.cat([cells(visible[None].float(), resolution) for visible in seen.visibility])  # (V, n, n)
+        covered, known = surface[0] > 0.0, share.amax(dim=0) > 0.0
+        gain = surface.new_zeros(3, resolution, resolution)
+        if not bool(known.any()):
+            return gain.new_zeros(3, side, side)
+        color = torch.stack([mean(c, s[None])[:, known].T for c, s in zip(seen.color, share, strict=True)])
+        normal = functional.normalize(surface[4:, known].T, dim=1)
+        points = (surface[1:4, known].T, normal, color, share[:, known] > 0.0, seen.eyes)
+        gain[:, known] = self.delighting.log_gain(SeenPoints(*(part[None] for part in points))).T
+        gain = diffuse_fill(gain, known, TexelMap(surface[1:4], surface[4:], covered))
+        return enlarged(gain, surface[:1], side)
 
     def _fuse_views(self, images: Tensor, texels: TexelMap, seen: TexelViews, surface: Tensor) -> tuple[Tensor, Tensor]:
         """(C, n, n) features, the maximum over the views that see a texel, 0 where none does; (1, n, n) any-seen."""
@@ -180,10 +210,10 @@ class InstantAlbedo(nn.Module):
             material = None
             if self.encoder is not None:
                 material = self.encoder(composite(srgb_from_linear(image[:3]), image[3:], 1.0)[None])[0]
-            visible = _cells(seen.visibility[view][None].float(), resolution)
+            visible = cells(seen.visibility[view][None].float(), resolution)
             inputs = self._view_inputs(seen, view, visible, texels, surface, material, size)
             features = self.unet(inputs[None])[0]
-            features = _resize(features, resolution).masked_fill(visible == 0, torch.finfo(features.dtype).min)
+            features = resized(features, resolution).masked_fill(visible == 0, torch.finfo(features.dtype).min)
             fused = features if fused is None else torch.maximum(fused, features)
             known = torch.maximum(known, visible)
         return fused.masked_fill(known == 0, 0.0), known
@@ -203,16 +233,16 @@ class InstantAlbedo(nn.Module):
         Image or material are absent where the ablation leaves them out.
         """
         mask = seen.visibility[view]
-        direction = _mean(seen.direction(view, texels.position), visible)
+        direction = mean(seen.direction(view, texels.position), visible)
         uv = _texture_coordinates(surface) * (surface[:1] > 0)
         parts = [visible, surface[1:4], uv, direction, surface[4:]]
         if self.config.ablation != "no-measurements":
             # Averaged in linear light, as a camera with larger pixels would.
-            parts.insert(0, srgb_from_linear(_mean(seen.color[view], visible)))
+            parts.insert(0, srgb_from_linear(mean(seen.color[view], visible)))
         if material is not None:
             # `where`, not a product: where a view does not see a texel its pixel may be anything, infinite too.
             pixels = seen.pixels[view].permute(2, 0, 1)
-            pixels = _mean(torch.where(mask, pixels, pixels.new_zeros(())), visible)  # (2, n, n)
+            pixels = mean(torch.where(mask, pixels, pixels.new_zeros(())), visible)  # (2, n, n)
             extent = pixels.new_tensor(size)[:, None, None]
             grid = (2.0 * pixels / extent - 1.0).permute(1, 2, 0)
             sampled = functional.grid_sample(material[None], grid[None], padding_mode="border", align_corners=False)[0]
@@ -220,54 +250,8 @@ class InstantAlbedo(nn.Module):
         return torch.cat(parts)
 
 
-def _surface(texels: TexelMap, resolution: int) -> Tensor:
-    """(7, n, n): share of each cell that a chart covers, mean position, mean normal."""
-    share = _cells(texels.mask[None].float(), resolution)
-    return torch.cat([share, _mean(texels.position, share), _mean(texels.normal, share)])
-
-
 def _texture_coordinates(like: Tensor) -> Tensor:
     """(2, n, n): u and v of the cells' centres; row 0 is v = 1."""
     side = like.shape[-1]
     centers = (torch.arange(side, device=like.device, dtype=like.dtype) + 0.5) / side
     return torch.stack(torch.meshgrid(centers, centers.flip(0), indexing="xy"))
-
-
-def _cells(x: Tensor, resolution: int) -> Tensor:
-    """(C, n, n) means of `x` (C, T, T) over the cells of a coarser atlas."""
-    side = x.shape[-1]
-    if side == resolution:
-        return x
-    if side % resolution == 0:
-        return functional.avg_pool2d(x, side // resolution)
-    return functional.adaptive_avg_pool2d(x, resolution)
-
-
-def _mean(x: Tensor, share: Tensor) -> Tensor:
-    """(C, n, n) means of `x` (C, T, T), which is 0 outside a mask, over that mask alone.
-
-    `share` (1, n, n) is the part of each cell inside it; 0 where that is 0.
-    """
-    return _cells(x, share.shape[-1]) / share.clamp(min=1e-6)
-
-
-def _resize(x: Tensor, side: int) -> Tensor:
-    """Bilinear resampling of (C, n, n) to `side`."""
-    if x.shape[-1] == side:
-        return x
-    return functional.interpolate(x[None], (side, side), mode="bilinear")[0]
-
-
-def _enlarge(x: Tensor, share: Tensor, side: int) -> Tensor:
-    """(C, T, T) from (C, n, n), weighted by the share (1, n, n) of each cell that is covered.
-
-    What the network says of the gaps never reaches a chart.
-    """
-    if x.shape[-1] == side:
-        return x
-    return _resize(x * share, side) / _resize(share, side).clamp(min=1e-6)
-
-
-def _scaled(color: Tensor, log_gain: Tensor) -> Tensor:
-    """`color` made exp(log_gain) times as bright, exactly itself where that is 0; in [0, 1]."""
-    return (color + (color + _DARK) * torch.expm1(log_gain)).clamp(0.0, 1.0)

@@ -69,11 +69,11 @@ def backproject(
     steps, facing, plain, sure = [], [], [], []
     for view, (image, camera) in enumerate(zip(views.images, views.cameras, strict=True)):
         progress(0.8 * view / count, "back-projecting the views")
-        where, squarely = in_pieces(partial(_look, camera), points, normals)
+        where, squarely = in_pieces(partial(look, camera), points, normals)
         pixels[view].index_copy_(0, covered, where)
         steps.append(footprint(pixels[view].view(size, size, 2), texels.mask).flatten()[covered])
         facing.append(squarely)
-        seen, seen_well = _sight(mesh, points, normals, squarely, steps[-1], image, camera, config)
+        seen, seen_well = sight(mesh, points, normals, squarely, steps[-1], image, camera, config)
         plain.append(seen)
         sure.append(seen_well)
     sure_of_one = torch.stack(sure).any(dim=0)
@@ -118,12 +118,12 @@ def texture_size_for(mesh: UvMesh, views: ViewSet, maximum: int) -> int:
     return max(SMALLEST_TEXTURE, min(1 << round(math.log2(exact)), 1 << (maximum.bit_length() - 1)))
 
 
-def _look(camera: Camera, points: Tensor, normals: Tensor) -> tuple[Tensor, Tensor]:
+def look(camera: Camera, points: Tensor, normals: Tensor) -> tuple[Tensor, Tensor]:
     """(P, 2) pixels at which a camera has points (P, 3), and (P,) n.v."""
     return project(points, camera)[0], (normals * view_directions(points, camera)).sum(dim=1)
 
 
-def _sight(
+def sight(
     mesh: UvMesh,
     points: Tensor,
     normals: Tensor,
@@ -145,7 +145,7 @@ def _sight(
     buffer = DepthBuffer.of(mesh, camera, config.depth_resolution, margin + reach)
     opaque = opaque_pixels(image[3], config.min_alpha, math.ceil(margin - 1e-3))
 
-    def sight(index: Tensor) -> tuple[Tensor, Tensor]:
+    def near_and_clear(index: Tensor) -> tuple[Tensor, Tensor]:
         near = points[index]
         free, inner = unoccluded(
             near, normals[index], buffer, config.depth_bias, config.slope_bias, config.grazing_cosine
@@ -155,5 +155,5 @@ def _sight(
         return free, inner & clear & (facing[index] >= config.min_cosine)
 
     none = torch.zeros_like(facing, dtype=torch.bool)
-    free, inner = in_pieces(sight, visible)
+    free, inner = in_pieces(near_and_clear, visible)
     return none.scatter(0, visible, free), none.scatter(0, visible, inner)

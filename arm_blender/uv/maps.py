@@ -80,21 +80,6 @@ def constant_value(image: Tensor, mask: Tensor | None, tolerance: float) -> floa
     return float(low + high) / 2.0 if float(high - low) <= 2.0 * tolerance else None
 
 
-def without_reflection(albedo: Tensor, metallic: Tensor, reflectance: float) -> Tensor:
-    """Albedo without what a dielectric's surface reflects of the light around, which is grey and shows on dark colours.
-
-    a^2 / (a + r): a bright albedo loses r, a dark one a share of itself, and none becomes negative. Metals keep theirs,
-    which is what they reflect.
-
-    Args:
-        albedo: (3, T, T) linear.
-        metallic: (1, t, t) in [0, 1], of any size.
-        reflectance: r >= 0; 0.04 is that of most dielectrics at normal incidence.
-    """
-    metal = functional.interpolate(metallic[None], albedo.shape[-2:], mode="bilinear", align_corners=False)[0]
-    return torch.lerp(albedo.square() / (albedo + reflectance).clamp(min=1e-8), albedo, metal)
-
-
 def _nearest_covered(mask: Tensor) -> Tensor:
     """(T * T,) flat index of the covered texel nearest to each texel, by jump flooding."""
     height, width = mask.shape

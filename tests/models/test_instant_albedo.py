@@ -164,4 +164,4 @@ def test_presets_construct_without_memory():
     with torch.device("meta"):
         sizes = [sum(p.numel() for p in InstantAlbedo(config).parameters()) for config in (PAPER, SMALL)]
     assert 100e6 < sizes[0] < 130e6  # ViT-B (86 million), its cascade, LaMa's generator (14 million), the U-Net.
-    assert sizes[1] < 1e6
+    assert sizes[1] < 1.5e6

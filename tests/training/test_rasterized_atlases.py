@@ -24,6 +24,7 @@ from training.datasets.rasterized_materials import Finish, Procedural, random_pa
 from training.datasets.rasterized_textures import LABELS, NOTHING
 from training.datasets.shards import save_arrays
 from training.stages import instant_albedo, material_prior
+from training.stages.instant_albedo_start import Starts
 from training.trainer import TrainerConfig
 
 ENCODER = MaterialEncoderConfig(VitConfig(8, 16, 4, 2, 4, 4), (0, 1, 2, 3), 32, 8, 4)
@@ -183,16 +184,16 @@ def test_instant_albedo_begins_with_the_prior(folder, tmp_path):
         meshes, tmp_path / "surfaces", NOTHING_STORED, ENCODER, output, TrainerConfig(minutes=1e-9), settings=settings
     )
     model = InstantAlbedo(TINY)
-    instant_albedo.start_encoder(model, output)
+    Starts(material_prior=output).give_to(model)
     for key, value in encoder.state_dict().items():
         assert torch.equal(model.encoder.state_dict()[key], value.half().float())
     assert checkpoints.read_header(output)["labels"].split(", ") == list(LABELS)
     wider = InstantAlbedo(replace(TINY, encoder=replace(ENCODER, channels=12)))
     with pytest.raises(CheckpointError, match="prior.safetensors"):
-        instant_albedo.start_encoder(wider, output)
+        Starts(material_prior=output).give_to(wider)
     for ablation in ("no-material-prior", "random-material-prior"):
         with pytest.raises(ArmError, match=f"{ablation} takes no --material-prior"):
-            instant_albedo.start_encoder(InstantAlbedo(TINY.ablated(ablation)), output)
+            Starts(material_prior=output).give_to(InstantAlbedo(TINY.ablated(ablation)))
 
 
 def test_a_share_of_the_samples_is_rasterised_and_held_out_objects_are_not(source, tmp_path, monkeypatch):

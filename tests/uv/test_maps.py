@@ -5,7 +5,7 @@ import torch
 from scipy.ndimage import distance_transform_edt
 
 from arm_blender.structures import TexelMap
-from arm_blender.uv.maps import constant_value, diffuse_fill, pad, without_reflection
+from arm_blender.uv.maps import constant_value, diffuse_fill, pad
 
 
 def blobs(size: int, count: int, seed: int) -> torch.Tensor:
@@ -115,12 +115,3 @@ def test_constant_maps_are_found_within_the_tolerance() -> None:
     assert constant_value(torch.full((1, 4, 4), 0.25), None, 0.0) == 0.25
     assert constant_value(image, torch.zeros_like(mask), 1.0) is None
     assert constant_value(torch.full((1, 4, 4), torch.nan), None, 1.0) is None
-
-
-def test_a_dielectric_loses_its_reflection_and_a_metal_nothing() -> None:
-    albedo = torch.tensor([0.0, 0.04, 0.9]).view(1, 3, 1).expand(3, 3, 2).contiguous()
-    metallic = torch.tensor([0.0, 1.0]).view(1, 1, 2)
-    found = without_reflection(albedo, metallic, 0.04)
-    torch.testing.assert_close(found[:, :, 0], torch.tensor([0.0, 0.02, 0.81 / 0.94]).expand(3, 3))
-    torch.testing.assert_close(found[:, :, 1], albedo[:, :, 1])
-    torch.testing.assert_close(without_reflection(albedo, metallic[..., :1], 0.0), albedo)

@@ -14,6 +14,7 @@ from arm_blender.graphics.isosurface import extract
 from arm_blender.graphics.sample_grid import IsosurfaceConfig
 from arm_blender.models.georm import GeoRM
 from arm_blender.models.reconstruction import ReconstructionConfig
+from arm_blender.structures import TriangleMesh
 
 from . import shards, view_samples
 from .view_samples import ViewSample
@@ -57,22 +58,21 @@ class Shapes:
     def load(self, path: Path, network: ReconstructionConfig) -> GlossSample:
         """The sample of one `rig_<k>.npz`, for a GlossyRM of `network`."""
         sample = view_samples.load(path, network)
-        vertices, faces = self._kept(path)
+        mesh = self.mesh(path)
         maps = shards.arrays(path, "roughness", "metallic")
         gloss = torch.from_numpy(np.stack([maps["roughness"], maps["metallic"]], axis=1)).float() / 255.0
-        return GlossSample(sample.inputs, sample.c2w, sample.K, sample.truth, vertices, faces, gloss)
+        return GlossSample(sample.inputs, sample.c2w, sample.K, sample.truth, mesh.vertices, mesh.faces, gloss)
 
-    def _kept(self, path: Path) -> tuple[Tensor, Tensor]:
-        """Vertices (N, 3) world and faces (F, 3), from the folder where they are there."""
+    def mesh(self, path: Path) -> TriangleMesh:
+        """What GeoRM makes of a rig, from the folder where it is there; without faces where it finds no surface."""
         if self.folder is None:
-            return self._made(path)
+            return TriangleMesh(*self._made(path))
         kept = self.folder / f"{path.parent.name}.{path.stem}.{self._mark}.npz"
         if not kept.exists():
             vertices, faces = self._made(path)
             self.folder.mkdir(parents=True, exist_ok=True)
             shards.save_arrays(kept, {"vertices": vertices.numpy(), "faces": faces.numpy().astype(np.int32)})
-        mesh = shards.read_mesh(kept)
-        return mesh.vertices, mesh.faces
+        return shards.read_mesh(kept)
 
     @torch.no_grad()
     def _made(self, path: Path) -> tuple[Tensor, Tensor]:

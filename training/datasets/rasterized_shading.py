@@ -16,6 +16,7 @@ from torch import Tensor
 from arm_blender.graphics.brdf import DIELECTRIC_F0, evaluate
 from arm_blender.graphics.rasterize import rasterize_views
 from arm_blender.graphics.specular_albedo import specular_albedo
+from arm_blender.graphics.spherical_harmonics import harmonics
 
 from .rasterized_lights import Lighting, Sun, mirrored
 from .rasterized_materials import Finish
@@ -94,16 +95,6 @@ def shade(points: SurfacePoints, surface: Surface, lighting: Lighting, own: Tens
     for sun in lighting.suns:
         color = color + _sunlight(points, surface, sun)
     return color
-
-
-def harmonics(direction: Tensor) -> Tensor:
-    """(P, 9) real spherical harmonics up to order 2 of unit directions (P, 3)."""
-    x, y, z = direction.unbind(dim=1)
-    first, second = 0.4886025, 1.0925484
-    return torch.stack([
-        torch.full_like(x, 0.2820948), first * y, first * z, first * x, second * x * y, second * y * z,
-        0.3153916 * (3.0 * z * z - 1.0), second * x * z, 0.5462742 * (x * x - y * y)
-    ], dim=1)  # fmt: skip
 
 
 def _open(normals: Tensor, seen: Tensor) -> Tensor:

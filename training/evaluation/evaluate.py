@@ -164,9 +164,7 @@ def _entries(args: argparse.Namespace) -> list[EvaluationEntry]:
     return entries[: args.limit]
 
 
-def render_truth(
-    entries: Sequence[EvaluationEntry], cache: Path, data: Path, dataset: str, protocol: Protocol
-) -> None:
+def render_truth(entries: Sequence[EvaluationEntry], cache: Path, data: Path, dataset: str, protocol: Protocol) -> None:
     """Whatever the cache lacks; only then Blender is needed here.
 
     Args:

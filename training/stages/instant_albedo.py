@@ -16,8 +16,7 @@ from torch import Tensor
 from arm_blender import checkpoints
 from arm_blender.errors import ArmError
 from arm_blender.graphics.color import srgb_from_linear
-from arm_blender.models.instant_albedo import PAPER, SMALL, Ablation, InstantAlbedo, InstantAlbedoConfig
-from arm_blender.models.material_encoder import MaterialEncoderConfig
+from arm_blender.models.instant_albedo import Ablation, InstantAlbedo, InstantAlbedoConfig
 
 from .. import distributed, options
 from ..datasets import atlases
@@ -31,12 +30,9 @@ from ..lpips import Lpips
 from ..options import TrainerConfig
 from ..run_record import RunRecord
 from ..trainer import Trainer
+from .instant_albedo_start import FRESH, SIZES, Starts, network_of
 
 logger = logging.getLogger(__name__)
-
-
-SIZES = {"small": SMALL, "paper": PAPER}
-"""The network of each preset."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +60,7 @@ def fit(
     trainer_config: TrainerConfig,
     seed: int = 0,
     settings: FitConfig = FitConfig(),
-    material_prior: Path | None = None,
+    starts: Starts = FRESH,
     rasterized: RasterizedAtlases | None = None,
     record: RunRecord | None = None,
 ) -> InstantAlbedo:
@@ -73,7 +69,7 @@ def fit(
     Args:
         cache: samples made by `atlases.prepare`.
         output: of the checkpoint.
-        material_prior: weights that the encoder begins with, as `fit material-prior` writes them.
+        starts: weights to begin with.
         rasterized: makes the share of the samples that `settings` names; held-out objects are taken out of it.
         record: of the run.
     Raises:
@@ -83,8 +79,7 @@ def fit(
     training, held_out = split(atlases.files(cache), settings.held_out)
     logger.info("%d samples, %d held out", len(training), len(held_out))
     model = InstantAlbedo(config)
-    if material_prior is not None:
-        start_encoder(model, material_prior)
+    starts.give_to(model)
     if rasterized is not None:
         hidden = {owner(path) for path in held_out}
         rasterized = replace(rasterized, meshes=[p for p in rasterized.meshes if owner(p.parent) not in hidden])
@@ -103,25 +98,14 @@ def fit(
         "steps": str(loop.step),
         "samples": str(len(training)),
         "rasterized_share": str(settings.rasterized),
-        "material_prior": "random" if material_prior is None else material_prior.name,
+        "material_prior": "random" if starts.material_prior is None else starts.material_prior.name,
     }
     if distributed.rank() == 0:
-        name = next((preset for preset, sized in SIZES.items() if sized == config), "own")
+        name = next(
+            (preset for preset, sized in SIZES.items() if sized == replace(config, delighting=sized.delighting)), "own"
+        )
         checkpoints.save(output, averaged.state_dict(), config, f"{name}.instant_albedo", metadata, half=True)
     return averaged
-
-
-def start_encoder(model: InstantAlbedo, path: Path) -> None:
-    """Give the encoder pretrained weights.
-
-    Raises:
-        CheckpointError: they are damaged, or made for an encoder of another size.
-        ArmError: this ablation has no encoder, or is to begin at random.
-    """
-    if model.config.ablation in ("no-material-prior", "random-material-prior"):
-        raise ArmError(f"{path}: --ablation {model.config.ablation} takes no --material-prior; leave one of them out")
-    _, state = checkpoints.load(path, MaterialEncoderConfig)
-    checkpoints.restore(model.encoder, state, path)
 
 
 def sample_loss(
@@ -227,6 +211,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--lpips", type=Path, help="weights of LPIPS (VGG); without them its term is left out")
     parser.add_argument("--preset", choices=SIZES, default="small", help="sizes of the network")
     parser.add_argument("--material-prior", type=Path, help="weights of `fit material-prior` for the encoder")
+    parser.add_argument("--delighting", type=Path, help="weights of `fit delighting`; without them it is left out")
+    parser.add_argument("--start", type=Path, help="InstantAlbedo's own weights to go on from")
     parser.add_argument("--ablation", choices=get_args(Ablation), default="none", help="leave a part out")
     parser.add_argument("--rasterized", type=float, default=0.0, help="share of samples rasterised on the fly, 0 to 1")
     parser.add_argument("--data", type=Path, help="textures and environments of those; ARM_DATA by default")
@@ -242,8 +228,8 @@ def run(args: argparse.Namespace) -> int:
         config, record = options.config(args), RunRecord.beside(args.output, vars(args))
         perceptual = Lpips.from_file(args.lpips) if args.lpips else None
         settings = FitConfig(views=args.views, perceptual=perceptual, rasterized=args.rasterized)
-        own = SIZES[args.preset].ablated(args.ablation)
-        fit(args.cache, own, args.output, config, args.seed, settings, args.material_prior, _rasterized(args), record)
+        starts = Starts(args.start, args.material_prior, args.delighting)
+        fit(args.cache, network_of(args), args.output, config, args.seed, settings, starts, _rasterized(args), record)
     return 0
 
 

@@ -1,0 +1,143 @@
+"""Points under other light and in other paint, and nothing rendered: the light of a sample is fitted, and exchanged.
+
+What a colour is besides albedo times fitted irradiance (shadows, reflections, what lies askew) it stays.
+"""
+
+import math
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from arm_blender.graphics.color import LUMINANCE
+from arm_blender.graphics.environment import Environment
+from arm_blender.graphics.spherical_harmonics import COUNT, gathered, harmonics
+from arm_blender.models.delighting import REFLECTED, WHITE, SeenPoints
+
+from .delighting_samples import DelightingSample
+from .point_samples import rotation_z
+from .rasterized import Library
+from .rasterized_lights import studio
+
+RELIT, REPAINTED = 0.6, 0.35
+"""Shares of the samples."""
+
+ALONE, FEW = 0.12, 0.25
+"""Shares of the samples that one view sees, and that one or half of the views see."""
+
+EXPOSURE, SPREAD = 0.8, 0.1
+"""Mean luminance of light, and the deviation of its logarithm. From pictures alone nobody can tell a dim light from a
+dark object, so that the network takes their exposure for a usual one. Trained on exposures from 0.6 to 1.4, it lost 2
+dB of albedo where they were usual."""
+
+MOST_EXPOSED, LEAST_EXPOSED = 1.6, 0.5
+"""Factors by which a sample is brought to `EXPOSURE` at most: what was clipped stays so."""
+
+DARKEST = 0.03
+"""Least factor of a new paint, evenly drawn in its logarithm: black things are common, and hardest to tell from grey
+ones that reflect."""
+
+STIFF = 1e-3
+"""Weight of the white light that the fitted one is drawn to, by ridge regression: some directions no point faces."""
+
+
+def random_light(library: Library, random: torch.Generator) -> Tensor:
+    """(9, 3) harmonics of an environment or of a made studio, turned; now and then two of them mixed."""
+
+    def one() -> Tensor:
+        if library.environments and _draw(random) < 0.75:
+            radiance = library.environments[int(torch.randint(len(library.environments), (), generator=random))]
+        else:
+            radiance = studio(random)
+        lights = Environment(radiance, turn=2.0 * math.pi * _draw(random)).texels()
+        return harmonics(lights.direction).T @ lights.power
+
+    light = one()
+    if _draw(random) < 0.3:
+        light = torch.lerp(one(), light, _draw(random))
+    return light * usual_exposure(random)
+
+
+def usual_exposure(random: torch.Generator) -> float:
+    """Around `EXPOSURE`."""
+    return EXPOSURE * math.exp(SPREAD * float(torch.randn((), generator=random)))
+
+
+def exposed(sample: DelightingSample) -> DelightingSample:
+    """The sample at `EXPOSURE`, by the luminance of the light that was fitted."""
+    luminance = float(fitted_light(sample)[0] @ torch.tensor(LUMINANCE)) / WHITE
+    factor = min(max(EXPOSURE / max(luminance, 1e-3), LEAST_EXPOSED), MOST_EXPOSED)
+    return _brighter(sample, factor)
+
+
+def fitted_light(sample: DelightingSample) -> Tensor:
+    """(9, 3) harmonics of the light under which the albedo, and what it reflects, come nearest to the colours."""
+    basis, color, albedo = gathered(sample.points.normal[0]), sample.points.blended()[0], sample.albedo[0]
+    weight = STIFF * len(basis) * torch.tensor([0.01] + [0.1] * (COUNT - 1))
+    plain = torch.tensor([WHITE] + [0.0] * (COUNT - 1))
+    lights = []
+    for channel in range(3):
+        sent = basis * (albedo[:, channel, None] + REFLECTED)
+        square = sent.T @ sent + torch.diag(weight)
+        lights.append(torch.linalg.solve(square, sent.T @ color[:, channel] + weight * plain))
+    return torch.stack(lights, dim=1)
+
+
+def augmented(sample: DelightingSample, count: int, library: Library, random: torch.Generator) -> DelightingSample:
+    """`count` points of an `exposed` sample, turned, perhaps mirrored, relit, repainted, seen by fewer views."""
+    light = fitted_light(sample)
+    chosen = torch.randint(sample.albedo.shape[1], (count,), generator=random)
+    sample = replace(sample, points=sample.points.only(chosen), albedo=sample.albedo[:, chosen])
+    if _draw(random) < REPAINTED:
+        sample = repainted(sample, light, random)
+    if _draw(random) < RELIT:
+        sample = relit(sample, light, random_light(library, random))
+    else:
+        sample = _brighter(sample, usual_exposure(random) / EXPOSURE)
+    points = fewer_views(sample.points, random)
+    turn = rotation_z(2.0 * math.pi * _draw(random))
+    if _draw(random) < 0.5:
+        turn = turn @ torch.diag(torch.tensor([-1.0, 1.0, 1.0]))
+    turned = {name: getattr(points, name) @ turn.T for name in ("position", "normal", "eyes")}
+    return replace(sample, points=replace(points, **turned))
+
+
+def relit(sample: DelightingSample, old: Tensor, new: Tensor) -> DelightingSample:
+    """The sample under another light; lights (9, 3), clipped as a picture is."""
+    basis = gathered(sample.points.normal)
+    factor = ((basis @ new).clamp(min=0.03) / (basis @ old).clamp(min=0.08)).clamp(max=6.0)
+    color = (sample.points.color * factor[:, None]).clamp(max=1.0)
+    return replace(sample, points=replace(sample.points, color=color))
+
+
+def repainted(sample: DelightingSample, light: Tensor, random: torch.Generator) -> DelightingSample:
+    """The sample in a darker, tinted paint under its own light (9, 3); what it reflects stays."""
+    paint = math.exp(math.log(DARKEST) * _draw(random)) * (0.25 * torch.randn(3, generator=random)).exp()
+    paint = paint.clamp(max=1.0)
+    irradiance = (gathered(sample.points.normal) @ light).clamp(min=0.0)
+    taken = (1.0 - paint) * sample.albedo * irradiance
+    color = (sample.points.color - taken[:, None]).clamp(min=1e-4)
+    return replace(sample, points=replace(sample.points, color=color), albedo=sample.albedo * paint)
+
+
+def fewer_views(points: SeenPoints, random: torch.Generator) -> SeenPoints:
+    """As if some views did not see a thing, unless too little would be left."""
+    views, odds = points.visible.shape[1], _draw(random)
+    keep = torch.ones(views, dtype=torch.bool)
+    if odds < FEW:
+        keep = torch.rand(views, generator=random) < 0.5
+    if odds < ALONE:
+        keep = torch.arange(views) == int(torch.randint(views, (), generator=random))
+    visible = points.visible & keep[:, None]
+    if float(visible.any(dim=1).float().mean()) < 0.15:
+        return points
+    return replace(points, visible=visible)
+
+
+def _brighter(sample: DelightingSample, factor: float) -> DelightingSample:
+    color = (sample.points.color * factor).clamp(max=1.0)
+    return replace(sample, points=replace(sample.points, color=color))
+
+
+def _draw(random: torch.Generator) -> float:
+    return float(torch.rand((), generator=random))
