@@ -19,8 +19,9 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from arm_blender.blender.compat import use_cycles, use_exr
+from arm_blender.blender.environments import environment_path
 from arm_blender.blender.scene import build_object
-from arm_blender.blender.studio import add_view_camera, environment_path, light_by_environment, temporary_scene
+from arm_blender.blender.studio import add_view_camera, light_by_environment, temporary_scene
 from arm_blender.graphics.brdf import Form
 from arm_blender.graphics.cameras import Camera, look_at, orbit_camera, project, view_directions
 from arm_blender.graphics.color import srgb_from_linear
