@@ -32,6 +32,7 @@ from arm_blender.uv.texels import texel_map
 from ..evaluation.results import markdown_table, paragraphs, write_text
 from ..evaluation.shading_blender import ball, parametric, read_linear, ring, vase, write_linear
 from . import atlases, rasterized, shards
+from .camera_rigs import random_views
 from .rasterized_lights import Sun, lighting, random_sky
 from .rasterized_materials import Finish, random_finish
 from .rasterized_surface import Surface, SurfaceConfig, surface_of
@@ -185,7 +186,7 @@ def run(args: argparse.Namespace) -> int:
     generator = torch.Generator().manual_seed(args.seed)
     for number, (name, mesh) in enumerate(shapes(args.shards, args.objects, generator)):
         scene = scene_of(mesh, library, generator)
-        cameras = rasterized.random_views(args.resolution, torch.Generator().manual_seed(args.seed + number))[4:6]
+        cameras = random_views(args.resolution, torch.Generator().manual_seed(args.seed + number))[4:6]
         with tempfile.TemporaryDirectory() as folder:
             truth = by_cycles(scene, cameras, args.samples, Path(folder))
         found, bare = ours(scene, cameras), ours(scene, cameras, shadows=False)
