@@ -7,7 +7,7 @@ from arm_blender.__main__ import parser
 from arm_blender.config import Settings
 from training.evaluation import cost
 from training.evaluation.protocol import Protocol
-from training.evaluation.trial import NETWORKS, Trial
+from training.evaluation.trial import Trial
 
 
 def test_a_cold_start_takes_the_words_of_the_trial(monkeypatch, tmp_path):
@@ -20,12 +20,9 @@ def test_a_cold_start_takes_the_words_of_the_trial(monkeypatch, tmp_path):
     monkeypatch.setattr(cost.subprocess, "run", answered)
     own = tmp_path / "own"
     own.mkdir()
-    shipped = Settings()
-    (own / "small.georm.safetensors").write_bytes(bytes(2**20))
+    (own / "small.georm.safetensors").touch()
     settings = Settings(quality="draft", grid=40, faces=777, weights_folder=own)
     found = cost.measured_cost(tmp_path, Trial(settings, Protocol()))
-    others = sum(shipped.weights(name).stat().st_size for name in NETWORKS if name != "georm")
-    assert found.weights * 2**20 == 2**20 + others
     assert math.isnan(found.cold) and math.isnan(found.warm)  # Neither ended well: there are no views.
     words = parser().parse_args(asked[0][3:])  # What follows `python -m arm_blender`.
     assert (words.views, words.weights) == (tmp_path, own)
