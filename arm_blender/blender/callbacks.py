@@ -6,7 +6,6 @@ module it crashes at exit where that one holds bpy.
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -28,11 +27,9 @@ def views_changed(_settings: bpy.types.PropertyGroup, context: bpy.types.Context
 
 def environments(_settings: bpy.types.PropertyGroup, _context: bpy.types.Context | None) -> list[tuple[str, str, str]]:
     """The environments to choose from, as an enumeration's items."""
-    import bpy
+    from .environments import shipped_environments
 
-    folder = Path(bpy.utils.system_resource("DATAFILES")) / "studiolights" / "world"
-    names = sorted(path.stem for path in folder.glob("*.exr"))
-    shipped = [(name, name.capitalize(), "Comes with Blender") for name in names]
+    shipped = [(name, name.capitalize(), "Comes with Blender") for name in shipped_environments()]
     _shown[:] = [*shipped, (FROM_FILE, "File", "An environment map of your own")]
     return _shown
 

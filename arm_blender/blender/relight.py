@@ -14,13 +14,13 @@ from ..progress import Progress, part, silent
 from .asset_file import linked_asset
 from .compat import use_cycles, use_eevee, use_neutral_view, use_png
 from .console import without_chatter
+from .environments import environment_path
 from .export import written_by_blender
 from .graphics_device import check_eevee
 from .pictures import write_sheet
 from .studio import (
     add_camera,
     bounding_sphere,
-    environment_path,
     light_by_environment,
     temporary_scene,
     turn_environment,

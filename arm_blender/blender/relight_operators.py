@@ -145,7 +145,8 @@ class ARM_OT_light_scene(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from .studio import environment_path, light_by_environment
+        from .environments import environment_path
+        from .studio import light_by_environment
 
         settings = context.scene.arm_relight
         before = context.scene.world

@@ -1,4 +1,4 @@
-"""Scenes to look at an asset in: a camera that frames it, lights, environment maps, and scenes that leave no trace."""
+"""Scenes to look at an asset in: a camera that frames it, what lights it, and scenes that leave no trace."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -37,29 +37,6 @@ def temporary_scene(name: str) -> Iterator[bpy.types.Scene]:
     finally:
         bpy.data.scenes.remove(scene)
         bpy.data.batch_remove(_datablocks() - before)
-
-
-def environment_path(environment: str | Path) -> Path:
-    """The file of an environment map: a path, or the name of one that Blender ships, such as "forest".
-
-    Raises:
-        InputImageError: neither is there.
-    """
-    candidates = [Path(environment), *sorted(_shipped().glob(f"{Path(environment).name}.*"))]
-    for candidate in candidates:
-        if candidate.is_file():
-            return candidate.resolve()
-    names = ", ".join(shipped_environments())
-    raise InputImageError(f"{environment}: no such environment map; give a .hdr or .exr file, or one of: {names}")
-
-
-def shipped_environments() -> list[str]:
-    """The names of the environment maps that come with Blender, sorted."""
-    return sorted(path.stem for path in _shipped().glob("*.exr"))
-
-
-def _shipped() -> Path:
-    return Path(bpy.utils.system_resource("DATAFILES")) / "studiolights" / "world"
 
 
 def light_by_environment(scene: bpy.types.Scene, path: Path, rotation_deg: float = 0.0) -> bpy.types.World:

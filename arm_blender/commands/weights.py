@@ -15,7 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions.add_parser("list", help="what there is and where, whether it is whole, what it enables, its licence")
     verify = actions.add_parser("verify", help="compare with the recorded hashes")
     verify.add_argument("names", nargs="*", metavar="NAME", help="such as small.georm (default: all installed)")
-    bring = actions.add_parser("import", help="convert a checkpoint of InstantMesh, DINO or Materialistic, offline")
+    bring = actions.add_parser("import", help="bring a file of another project, converted where it has to be; offline")
     bring.add_argument(
         "source",
         type=Path,

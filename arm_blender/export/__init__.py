@@ -23,19 +23,17 @@ class Format:
     Attributes:
         suffix: of its file.
         write: the asset to a path of that suffix; the textures lie in `FOLDER` beside it.
-        says: what it is, for a user.
     """
 
     suffix: str
     write: Callable[[RelightableAsset, Path], None]
-    says: str
 
 
 FORMATS = {
-    "glb": Format(".glb", write_glb, "glTF 2.0, the maps inside"),
-    "usd": Format(".usda", write_usd, "USD, the maps beside it"),
-    "usdz": Format(".usdz", write_usdz, "USD, the maps inside"),
-    "obj": Format(".obj", write_obj, "Wavefront OBJ and MTL, the maps beside them"),
+    "glb": Format(".glb", write_glb),
+    "usd": Format(".usda", write_usd),
+    "usdz": Format(".usdz", write_usdz),
+    "obj": Format(".obj", write_obj),
 }
 """What an asset can be written as, by the name that a user gives."""
 

@@ -12,7 +12,7 @@ from ..structures import ViewSet
 from . import preprocess
 from .foreground import Heard, unheard
 from .image_io import pictures_in
-from .multiview import PROVIDERS, Folder, PictureAlone, View, posed_views
+from .multiview import PROVIDERS, Folder, MultiviewProvider, PictureAlone, View, posed_views
 from .rigs import ZERO123PLUS
 from .transforms_json import TRANSFORMS
 from .zero123plus.provider import Zero123Plus
@@ -165,10 +165,14 @@ def _read(path: Path, options: ViewOptions, progress: Progress, left_out: LeaveO
         raise InputImageError(f"{path}: no such file or folder; give an image, or a folder of views")
     if path.suffix.lower() == ".json":
         return posed_views(path, progress, heard)
+    return _provider(options, heard).views(path, progress)
+
+
+def _provider(options: ViewOptions, heard: Heard) -> MultiviewProvider:
+    """What makes views of a single picture."""
     if options.multiview == "zero123plus":
-        provider = Zero123Plus(options.zero123plus, options.rig_distance, options.fovy_deg, heard)
-        return provider.views(path, progress)
-    return PictureAlone(options.elevation_deg, options.fovy_deg, heard).views(path, progress)
+        return Zero123Plus(options.zero123plus, options.rig_distance, options.fovy_deg, heard)
+    return PictureAlone(options.elevation_deg, options.fovy_deg, heard)
 
 
 def _weighted(views: list[View], weights: tuple[float, ...], path: Path) -> list[View]:

@@ -17,10 +17,11 @@ from bpy_extras.object_utils import world_to_camera_view  # noqa: E402
 
 from arm_blender.blender import graphics_device  # noqa: E402
 from arm_blender.blender.compat import sequence_strips, use_png  # noqa: E402
+from arm_blender.blender.environments import environment_path  # noqa: E402
 from arm_blender.blender.export import save_blend  # noqa: E402
 from arm_blender.blender.relight import RelightConfig, preview, relight  # noqa: E402
 from arm_blender.blender.scene import build_object  # noqa: E402
-from arm_blender.blender.studio import add_camera, bounding_sphere, environment_path, temporary_scene  # noqa: E402
+from arm_blender.blender.studio import add_camera, bounding_sphere, temporary_scene  # noqa: E402
 from arm_blender.blender.video import write_video  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("empty_file")]

@@ -15,6 +15,7 @@ import arm_blender
 from arm_blender.structures import MaterialMaps, RelightableAsset
 
 bpy = pytest.importorskip("bpy")
+from arm_blender.blender import callbacks  # noqa: E402
 from arm_blender.blender.object_asset import asset_from_object  # noqa: E402
 from arm_blender.blender.relight_operators import PICTURE  # noqa: E402
 from arm_blender.blender.scene import build_object  # noqa: E402
@@ -56,6 +57,14 @@ def test_a_sequence_is_a_full_turn_and_its_video(settings, asset, tmp_path):
     settings.turntable, settings.video, settings.turning = 3, True, "environment"
     assert bpy.ops.arm.relight(what="SEQUENCE") == {"FINISHED"}
     assert names(tmp_path / "out") == ["ring_forest.mp4", *(f"ring_forest_00{turn}.png" for turn in range(3))]
+
+
+def test_the_menu_of_environments_is_drawn_without_a_look_at_the_disk(monkeypatch):
+    first = list(callbacks.environments(None, None))
+    monkeypatch.setattr(Path, "glob", lambda *_: pytest.fail("the disk was asked"))
+    assert callbacks.environments(None, None) == first
+    found = [name for name, _, _ in first]
+    assert {"city", "forest", "studio"} < set(found) and found[-1] == callbacks.FROM_FILE
 
 
 def test_what_is_missing_is_said_and_the_scene_stays(settings, asset, tmp_path):

@@ -8,7 +8,7 @@ import torch
 
 from arm_blender.graphics.cameras import project
 from arm_blender.views.rigs import zero123plus_rig
-from training.datasets.camera_rigs import FOVY_DEG, paper_rig, varied_rig
+from training.datasets.camera_rigs import FOVY_DEG, paper_rig, random_views, varied_rig
 
 
 def test_the_papers_rig_is_six_inputs_and_random_views_in_their_ranges():
@@ -24,9 +24,17 @@ def test_the_papers_rig_is_six_inputs_and_random_views_in_their_ranges():
     assert all(math.degrees(camera.fovy) == pytest.approx(FOVY_DEG) for camera in cameras[6:])
 
 
-@pytest.mark.parametrize("rig", [paper_rig, varied_rig])
-def test_every_view_has_the_origin_in_its_middle_and_the_ball_of_radius_one_in_front(rig):
-    for camera in rig(np.random.default_rng(1), 32):
+@pytest.mark.parametrize(
+    "cameras",
+    [
+        paper_rig(np.random.default_rng(1), 32),
+        varied_rig(np.random.default_rng(1), 32),
+        random_views(32, torch.Generator().manual_seed(1)),
+    ],
+    ids=["paper", "varied", "rasterised"],
+)
+def test_every_view_has_the_origin_in_its_middle_and_the_ball_of_radius_one_in_front(cameras):
+    for camera in cameras:
         pixel, depth = project(torch.zeros(3), camera)
         assert torch.allclose(pixel, torch.tensor([16.0, 16.0]), atol=1e-3) and float(depth) > 1.0
 

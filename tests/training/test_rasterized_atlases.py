@@ -17,7 +17,8 @@ from arm_blender.models.unet import UnetConfig
 from arm_blender.models.vit import VitConfig
 from training.datasets.atlas_lookup import AtlasLookup
 from training.datasets.atlases import AtlasConfig, sample_arrays
-from training.datasets.rasterized import Library, random_rig, random_views, rig_of
+from training.datasets.camera_rigs import random_views
+from training.datasets.rasterized import Library, random_rig, rig_of
 from training.datasets.rasterized_atlases import RasterizedAtlases
 from training.datasets.rasterized_lights import HEIGHT, WIDTH, lighting
 from training.datasets.rasterized_materials import Finish, Procedural, random_pattern

@@ -5,6 +5,7 @@ import torch
 from torch.nn import functional as F
 
 from arm_blender.graphics.cameras import orbit_camera
+from training.evaluation.image_scores import psnr_inside
 
 pytestmark = pytest.mark.blender
 
@@ -22,7 +23,7 @@ def test_the_form_cycles_renders_as_cycles(tmp_path, monkeypatch) -> None:
     pictures = shading.ours(ball, finish, radiance, camera)
     inner = -F.max_pool2d(-truth[None, 3:], 3, stride=1, padding=1)[0, 0] > 0.999
     assert inner.sum() > 200
-    found = {form: shading.psnr(picture, truth, inner) for form, picture in pictures.items()}
+    found = {form: psnr_inside(picture, truth, inner) for form, picture in pictures.items()}
     assert found["cycles"] > 35.0
     assert max(found["standard"], found["printed"]) < found["cycles"] - 5.0
 

@@ -5,12 +5,15 @@ from dataclasses import replace
 import pytest
 import torch
 
+from arm_blender import checkpoints
+from arm_blender.config import PRESETS, Settings
 from arm_blender.graphics.cameras import orbit_camera, project
 from arm_blender.graphics.isosurface import IsosurfaceConfig, extract
 from arm_blender.graphics.rasterize import rasterize
+from arm_blender.models.reconstruction import ReconstructionConfig
 from arm_blender.structures import TriangleMesh
 from training.evaluation.ball import RADIUS, VOLUME, ball, open_edges, volume
-from training.evaluation.precision import compared, in_three_precisions
+from training.evaluation.precision import NARROW, built, compared, in_three_precisions
 from training.evaluation.stability import missed_and_outside
 
 
@@ -57,3 +60,11 @@ def test_pixels_that_are_missed_or_drawn_beside_a_triangle_are_found():
     beside = replace(fragments, face_id=torch.zeros_like(fragments.face_id))
     missed, outside = missed_and_outside(screen, beside)
     assert missed == 0 and outside > 5.0
+
+
+def test_a_network_is_that_which_ships_or_one_that_is_drawn_alike_every_time():
+    shipped = checkpoints.load(Settings().weights("georm"), ReconstructionConfig)[1]
+    georm = built("georm", PRESETS["small"].georm, shipped=True)
+    assert all(torch.equal(value, shipped[name]) for name, value in georm.state_dict().items())
+    one, other = (built("instant_albedo", NARROW.instant_albedo, shipped=False).state_dict() for _ in range(2))
+    assert one.keys() == other.keys() and all(torch.equal(value, other[name]) for name, value in one.items())

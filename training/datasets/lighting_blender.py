@@ -7,28 +7,15 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-from arm_blender.blender.compat import shader_tree
+from arm_blender.blender.studio import light_by_environment
 from arm_blender.graphics.color import LUMINANCE
 
 
 def set_world(hdri: Path, rotation_deg: float, strength: float) -> None:
-    """Light the scene by an equirectangular HDRI, turned about Z."""
-    world = bpy.data.worlds.new("environment")
-    bpy.context.scene.world = world
-    tree = shader_tree(world)
-    image = tree.nodes.new("ShaderNodeTexEnvironment")
-    image.image = bpy.data.images.load(str(hdri))
-    image.image.colorspace_settings.name = "Linear Rec.709"
-    coordinates, mapping = tree.nodes.new("ShaderNodeTexCoord"), tree.nodes.new("ShaderNodeMapping")
-    mapping.inputs["Rotation"].default_value[2] = math.radians(rotation_deg)
-    background = next(n for n in tree.nodes if n.type == "BACKGROUND")
+    """Light the scene by an equirectangular HDRI, turned about Z, clockwise seen from above."""
+    world = light_by_environment(bpy.context.scene, hdri, -rotation_deg)
+    background = next(n for n in world.node_tree.nodes if n.type == "BACKGROUND")
     background.inputs["Strength"].default_value = strength
-    tree.links.new(coordinates.outputs["Generated"], mapping.inputs["Vector"])
-    tree.links.new(mapping.outputs["Vector"], image.inputs["Vector"])
-    tree.links.new(image.outputs["Color"], background.inputs["Color"])
-    # Cycles rebuilds the importance map for each new environment; 256 texels are enough for noise at our sizes.
-    world.cycles.sampling_method = "MANUAL"
-    world.cycles.sample_map_resolution = 256
 
 
 def mean_radiance(hdri: Path) -> float:
@@ -65,8 +52,3 @@ def add_area_lights(rng: np.random.Generator) -> list[dict[str, float]]:
         bpy.context.scene.collection.objects.link(holder)
         lights.append({"distance": distance, "size": size, "irradiance": irradiance})
     return lights
-
-
-def blender_environments() -> list[Path]:
-    """The CC0 environments that Blender ships for its viewport."""
-    return sorted(Path(bpy.utils.system_resource("DATAFILES"), "studiolights", "world").glob("*.exr"))

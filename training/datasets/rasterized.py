@@ -4,7 +4,6 @@ A rig has the arrays of a rendered one (`shards.py`), so that stages can take it
 material at each pixel. A shape is made ready once (`rasterized_surface`); what is kept of it serves every rig.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,13 +14,14 @@ from torch import Tensor
 from torch.nn import functional
 
 from arm_blender.errors import ArmError, EmptyMeshError
-from arm_blender.graphics.cameras import Camera, orbit_camera
+from arm_blender.graphics.cameras import Camera
 from arm_blender.graphics.color import bytes_from_unit, srgb_from_linear
 from arm_blender.graphics.meshes import face_normals
 from arm_blender.graphics.ragged import in_pieces
 from arm_blender.graphics.rasterize import Fragments, rasterize_views
 
 from . import rasterized_surface, shards
+from .camera_rigs import random_views
 from .manifest import read_manifest
 from .rasterized_lights import Lighting, random_lighting, read_radiance
 from .rasterized_materials import Finish, random_finish
@@ -76,31 +76,6 @@ def random_rig(
     finish = random_finish(library.textures, generator)
     lighting = random_lighting(library.environments, generator)
     return rig_of(surface, random_views(size, generator)[:views], finish, lighting)
-
-
-def random_views(size: int, generator: torch.Generator) -> tuple[Camera, ...]:
-    """Six input views, in a ring of one distance or free, and four more from anywhere; all show the whole object."""
-
-    def draw(low: float, high: float) -> float:
-        return low + (high - low) * float(torch.rand((), generator=generator))
-
-    def framed(azimuth_deg: float, elevation_deg: float, fovy_deg: float, fill: float) -> Camera:
-        # A ball of radius 1.25 / fill fits the frame.
-        distance = 1.25 / (fill * math.sin(math.radians(fovy_deg) / 2.0))
-        return orbit_camera(azimuth_deg, elevation_deg, min(max(distance, 1.8), 9.0), fovy_deg, size, size)
-
-    turn, fill, fovy_deg, loose = draw(0.0, 360.0), draw(0.7, 1.1), draw(18.0, 55.0), draw(0.0, 1.0) > 0.6
-    views = []
-    for k in range(6):
-        azimuth_deg = turn + 30.0 + 60.0 * k
-        if loose:
-            views.append(framed(azimuth_deg + draw(-25.0, 25.0), draw(-25.0, 55.0), fovy_deg, draw(0.7, 1.05)))
-        else:
-            views.append(framed(azimuth_deg, (20.0, -10.0)[k % 2], 30.0, fill))  # Zero123++ v1.2.
-    for _ in range(4):
-        elevation_deg = math.degrees(math.asin(draw(-0.6, 0.95)))
-        views.append(framed(draw(0.0, 360.0), elevation_deg, draw(25.0, 50.0), 0.95))
-    return tuple(views)
 
 
 @torch.no_grad()

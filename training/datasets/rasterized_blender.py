@@ -29,9 +29,12 @@ from arm_blender.structures import MaterialMaps, RelightableAsset, TriangleMesh,
 from arm_blender.uv.maps import pad
 from arm_blender.uv.texels import texel_map
 
+from ..evaluation.image_scores import psnr_inside
+from ..evaluation.parametric import ball, parametric, ring, vase
 from ..evaluation.results import markdown_table, paragraphs, write_text
-from ..evaluation.shading_blender import ball, parametric, read_linear, ring, vase, write_linear
+from ..evaluation.shading_blender import read_linear, write_linear
 from . import atlases, rasterized, shards
+from .camera_rigs import random_views
 from .rasterized_lights import Sun, lighting, random_sky
 from .rasterized_materials import Finish, random_finish
 from .rasterized_surface import Surface, SurfaceConfig, surface_of
@@ -122,12 +125,6 @@ def ours(scene: Scene, cameras: tuple[Camera, ...], shadows: bool = True) -> Ten
     return torch.cat([linear_from_srgb(rgba[:, :3]), rgba[:, 3:]], dim=1)
 
 
-def psnr(found: Tensor, truth: Tensor, inside: Tensor) -> float:
-    """dB of two pictures (3, H, W), linear, over pixels (H, W), as sRGB."""
-    error = (srgb_from_linear(found[:3]) - srgb_from_linear(truth[:3]))[:, inside].square().mean()
-    return float(-10.0 * torch.log10(error.clamp(min=1e-10)))
-
-
 def brightness(found: Tensor, truth: Tensor, inside: Tensor) -> float:
     """Mean luminance over that of the truth; both clipped at 1, as pictures are."""
     weights = truth.new_tensor(LUMINANCE)
@@ -185,7 +182,7 @@ def run(args: argparse.Namespace) -> int:
     generator = torch.Generator().manual_seed(args.seed)
     for number, (name, mesh) in enumerate(shapes(args.shards, args.objects, generator)):
         scene = scene_of(mesh, library, generator)
-        cameras = rasterized.random_views(args.resolution, torch.Generator().manual_seed(args.seed + number))[4:6]
+        cameras = random_views(args.resolution, torch.Generator().manual_seed(args.seed + number))[4:6]
         with tempfile.TemporaryDirectory() as folder:
             truth = by_cycles(scene, cameras, args.samples, Path(folder))
         found, bare = ours(scene, cameras), ours(scene, cameras, shadows=False)
@@ -216,6 +213,6 @@ def compared(truth: Tensor, found: Tensor, bare: Tensor) -> tuple[list[float], l
     """
     alpha = torch.minimum(truth[3], found[3])
     inside = -functional.max_pool2d(-alpha[None, None], 3, stride=1, padding=1)[0, 0] > 0.999
-    numbers = [psnr(found, truth, inside), psnr(bare, truth, inside), brightness(found, truth, inside)]
+    numbers = [psnr_inside(found, truth, inside), psnr_inside(bare, truth, inside), brightness(found, truth, inside)]
     shown = [srgb_from_linear(x[:3]) * x[3:] + 1.0 - x[3:] for x in (truth, found)]
     return numbers, [*shown, 4.0 * (shown[0] - shown[1]).abs()]

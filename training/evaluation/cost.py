@@ -35,6 +35,8 @@ def _cold(views: Path, trial: Trial) -> float:
     settings = trial.settings
     with tempfile.TemporaryDirectory() as folder:
         words = [str(views), "--output", folder, "--preset", settings.preset, "--quality", settings.quality]
+        for name, value in (("weights", settings.weights_folder), ("grid", settings.grid), ("faces", settings.faces)):
+            words += [] if value is None else [f"--{name}", str(value)]
         start = time.perf_counter()
         done = subprocess.run(
             [sys.executable, "-m", "arm_blender", "generate", *words, "--device", settings.device],

@@ -12,7 +12,7 @@ from .protocol import EvaluationEntry
 DATASETS = ("manifest", "gso", "omniobject3d", "folder")
 PER_CATEGORY = 5
 """Objects of a category of OmniObject3D, as in the paper."""
-MODELS = {".glb", ".gltf", ".obj"}
+MODELS = (".glb", ".gltf", ".obj")
 
 
 def evaluation_entries(data: Path | None, dataset: str, split: str, sets: list[str] | None) -> list[EvaluationEntry]:

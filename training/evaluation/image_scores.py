@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from arm_blender.graphics.color import srgb_from_linear
+
 from ..losses import Perceptual, similarity
 
 PSNR_CAP = 50.0
@@ -88,6 +90,12 @@ def mask_overlap(found_alpha: Tensor, true_alpha: Tensor) -> float:
 def psnr(squared_error: float) -> float:
     """dB of a mean squared error in pictures of range 1, at most `PSNR_CAP`."""
     return PSNR_CAP if squared_error <= 10.0 ** (-PSNR_CAP / 10.0) else -10.0 * math.log10(squared_error)
+
+
+def psnr_inside(found: Tensor, truth: Tensor, inside: Tensor) -> float:
+    """dB of the colours of two linear pictures (3 or 4, H, W), compared as sRGB over the pixels (H, W) of a mask."""
+    difference = srgb_from_linear(found[:3]) - srgb_from_linear(truth[:3])
+    return psnr(float(difference[:, inside].square().mean()))
 
 
 def _mean_psnr(errors: Sequence[float]) -> float:

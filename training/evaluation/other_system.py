@@ -10,6 +10,7 @@ from arm_blender.structures import TriangleMesh
 from arm_blender.uv.mesh_file import read_mesh
 
 from .alignment import align, moved_by
+from .entries import MODELS
 from .geometry import ceiling, compare
 from .image_scores import moments
 from .measure import HULL, OURS, ObjectResult, Shown, score_hull, score_pictures
@@ -19,8 +20,6 @@ from .relighting import relighting_scores
 from .trial import Trial
 from .truth import Truth
 
-SUFFIXES = (".glb", ".gltf", ".obj")
-
 
 def mesh_of(folder: Path, name: str) -> Path:
     """The file of one object in a system's folder: `<id>.glb`, or `<id>/<anything>.glb` where that is the only one.
@@ -28,8 +27,8 @@ def mesh_of(folder: Path, name: str) -> Path:
     Raises:
         ArmError: there is none, or several.
     """
-    found = [path for suffix in SUFFIXES if (path := folder / f"{name}{suffix}").is_file()]
-    found = found or sorted(path for path in (folder / name).glob("*") if path.suffix.lower() in SUFFIXES)
+    found = [path for suffix in MODELS if (path := folder / f"{name}{suffix}").is_file()]
+    found = found or sorted(path for path in (folder / name).glob("*") if path.suffix.lower() in MODELS)
     if len(found) != 1:
         raise ArmError(f"{folder}: {len(found)} meshes of {name}; give {name}.glb, or leave the object out with --ids")
     return found[0]

@@ -13,7 +13,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from arm_blender import checkpoints, pipeline
+from arm_blender import checkpoints, networks, pipeline
 from arm_blender.config import PRESETS, Preset, Settings
 from arm_blender.graphics.brdf import evaluate
 from arm_blender.graphics.differentiable import with_gradient
@@ -125,9 +125,9 @@ def network_errors(preset: Preset, views: ViewSet, shipped: bool) -> Iterator[tu
 
 
 def built(name: str, config: Any, shipped: bool) -> nn.Module:
-    """A network of `pipeline.NETWORKS` with the weights of `small`, or with seeded random ones."""
+    """A network of `networks.NETWORKS` with the weights of `small`, or with seeded random ones."""
     torch.manual_seed(0)
-    network = pipeline.NETWORKS[name][0](config)
+    network = networks.NETWORKS[name][0](config)
     if shipped:
         path = Settings().weights(name)
         checkpoints.restore(network, checkpoints.load(path, type(config))[1], path)

@@ -7,7 +7,7 @@ our shading sums the same map texel by texel. What differs is noise, filters, an
 import argparse
 import math
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
@@ -19,8 +19,9 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from arm_blender.blender.compat import use_cycles, use_exr
+from arm_blender.blender.environments import environment_path
 from arm_blender.blender.scene import build_object
-from arm_blender.blender.studio import add_view_camera, environment_path, light_by_environment, temporary_scene
+from arm_blender.blender.studio import add_view_camera, light_by_environment, temporary_scene
 from arm_blender.graphics.brdf import Form
 from arm_blender.graphics.cameras import Camera, look_at, orbit_camera, project, view_directions
 from arm_blender.graphics.color import srgb_from_linear
@@ -31,6 +32,8 @@ from arm_blender.structures import MaterialMaps, RelightableAsset, UvMesh
 from arm_blender.views.image_io import write_png
 
 from . import furnace
+from .image_scores import psnr_inside
+from .parametric import ball, parametric, ring, vase
 from .results import markdown_table, paragraphs, write_text
 
 SKY = (24, 48)
@@ -53,47 +56,6 @@ class Subject:
     name: str
     mesh: UvMesh
     shadows: bool
-
-
-def parametric(point: Callable[[Tensor, Tensor], Tensor], columns: int, rows: int) -> UvMesh:
-    """A surface over the unit square, closed in the first coordinate where its ends meet.
-
-    Args:
-        point: (P,), (P,) in [0, 1] -> (P, 3) world; counter-clockwise seen from outside.
-    """
-    v, u = torch.meshgrid(torch.linspace(0, 1, rows + 1), torch.linspace(0, 1, columns + 1), indexing="ij")
-    uvs = torch.stack([u.flatten(), v.flatten()], dim=1)
-    row, column = torch.meshgrid(torch.arange(rows), torch.arange(columns), indexing="ij")
-    a = (row * (columns + 1) + column).flatten()
-    corners = torch.cat([
-        torch.stack([a, a + 1, a + columns + 2], 1), torch.stack([a, a + columns + 2, a + columns + 1], 1)
-    ])  # fmt: skip
-    # One vertex where the surface meets itself, so that it is smooth there.
-    keys = (point(uvs[:, 0], uvs[:, 1]) * 1e5).round()
-    distinct, index = torch.unique(keys, dim=0, return_inverse=True)
-    faces = index[corners]
-    whole = (faces != faces.roll(1, dims=1)).all(dim=1)
-    return UvMesh(distinct / 1e5, faces[whole], uvs, corners[whole], 1)
-
-
-def ball(u: Tensor, v: Tensor) -> Tensor:
-    azimuth, polar = 2.0 * math.pi * u, math.pi * (1.0 - v)
-    return 0.9 * torch.stack([polar.sin() * azimuth.cos(), polar.sin() * azimuth.sin(), polar.cos()], dim=1)
-
-
-def ring(u: Tensor, v: Tensor) -> Tensor:
-    along, around = 2.0 * math.pi * u, 2.0 * math.pi * v
-    radius = 0.62 + 0.28 * around.cos()
-    return torch.stack([radius * along.cos(), radius * along.sin(), 0.28 * around.sin()], dim=1)
-
-
-def vase(u: Tensor, v: Tensor) -> Tensor:
-    """A body of revolution with a foot, a belly and a neck that shadow each other."""
-    angle, height = 2.0 * math.pi * u, 1.8 * v - 0.9
-    radius = 0.32 + 0.2 * (4.2 * height + 0.4).sin() + 0.18 * (0.5 - v)
-    closed = (math.pi * v).sin().clamp(min=0.0) ** 0.25
-    radius = radius * closed
-    return torch.stack([radius * angle.cos(), radius * angle.sin(), height], dim=1)
 
 
 def subjects() -> Iterator[Subject]:
@@ -209,12 +171,6 @@ def by_cycles(subject: Subject, finish: MaterialMaps, sky: Path, camera: Camera,
         return read_linear(Path(render.filepath))
 
 
-def psnr(found: Tensor, truth: Tensor, inner: Tensor) -> float:
-    """dB over pixels (H, W) of two linear pictures, as sRGB."""
-    error = (srgb_from_linear(found[:3]) - srgb_from_linear(truth[:3]))[:, inner].square().mean()
-    return float(-10.0 * torch.log10(error))
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--environment", default="forest", help="a .hdr or .exr file, or the name of one of Blender's")
     parser.add_argument("--resolution", type=int, default=96, help="pixels a side")
@@ -235,7 +191,7 @@ def run(args: argparse.Namespace) -> int:
             pictures = ours(subject, finish, radiance, camera)
             # Along the outline the filters differ; what is compared is shading.
             inner = -F.max_pool2d(-truth[None, 3:], 3, stride=1, padding=1)[0, 0] > 0.999
-            rows.append([subject.name, *(psnr(pictures[form], truth, inner) for form in get_args(Form))])
+            rows.append([subject.name, *(psnr_inside(pictures[form], truth, inner) for form in get_args(Form))])
             difference = (srgb_from_linear(pictures["cycles"][:3]) - srgb_from_linear(truth[:3])).abs() * 8.0
             sheet.append(
                 torch.cat([srgb_from_linear(truth[:3]), srgb_from_linear(pictures["cycles"][:3]), difference], 2)

@@ -6,7 +6,6 @@ report says so in words.
 
 import argparse
 import logging
-import math
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -24,6 +23,7 @@ from arm_blender.views.scene_frame import normalise
 from .contact_sheet import contact_sheet
 from .geometry import FAILED, MEASURES, SAMPLES, GeometryScores, compare
 from .objects import EvaluationObject, evaluation_objects
+from .report_text import finite
 from .results import fill_block, markdown_table, paragraphs, write_text
 from .trial import trial_settings
 from .visual_hull import visual_hull
@@ -140,12 +140,6 @@ def verdict(results: list[ObjectResult]) -> str:
 
 def as_json(results: list[ObjectResult], settings: Settings) -> dict:
     """Everything that was measured; a distance that is infinite, where there was no surface, becomes null."""
-
-    def finite(value: object) -> object:
-        if isinstance(value, dict):
-            return {key: finite(inner) for key, inner in value.items()}
-        return None if isinstance(value, float) and not math.isfinite(value) else value
-
     return {
         "settings": asdict(settings),
         "samples": SAMPLES,

@@ -19,6 +19,7 @@ import torch
 from arm_blender import pipeline
 from arm_blender.config import QUALITIES, Settings
 from arm_blender.errors import ArmError, EmptyMeshError
+from arm_blender.quality_levels import STAGES
 from arm_blender.uv.blend import BLENDS
 
 from .figures import panels
@@ -32,7 +33,6 @@ logger = logging.getLogger(__name__)
 
 GRIDS, FACES, TEXTURES, VIEWS = (48, 64, 96, 192, 256), (2_000, 5_000, 20_000, 40_000), (256, 512, 2048), (1, 2, 4)
 INPUTS = 6
-STAGES = ("shape", "unwrap", "appearance")
 
 REPEATS = 2
 """Runs of each point on each object, of which the shortest time of each stage counts."""

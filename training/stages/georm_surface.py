@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from arm_blender.config import PRESETS
 from arm_blender.models.georm import GeoRM
 from arm_blender.models.reconstruction import EncodedViews
 
@@ -22,7 +21,7 @@ from ..picture_grid import grid, normals
 from ..surface_rendering import iso_surface, surface_maps
 from ..volume_rendering import RawDensity
 from . import rendered_views
-from .rendered_views import ViewStage, asked_for, encode, fit
+from .rendered_views import asked_for, encode, fit_georm
 
 
 @dataclass(frozen=True)
@@ -129,16 +128,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Train and write the averaged weights."""
-    torch.manual_seed(args.seed)
-    network = PRESETS[args.preset].georm
     config = SMALL_SURFACE if args.preset == "small" else SurfaceConfig()
     config = replace(config, **asked_for(args, config.fewer_views))
-    whole = replace(config, fewer_views=0.0)
-    stage = ViewStage(
-        "georm",
-        lambda path: view_samples.load(path, network),
-        lambda model, sample, draws: sample_loss(model, sample, config, draws, args.bfloat16),
-        lambda model, sample, draws: sample_loss(model, sample, whole, draws),
-        lambda model, sample: picture(model, sample, config),
-    )
-    return fit(args, GeoRM(network), stage)
+    return fit_georm(args, config, sample_loss, picture)

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from arm_blender.config import PRESETS
 from arm_blender.errors import ArmError
 from arm_blender.models.georm import RAW_ISO, GeoRM
 from arm_blender.models.reconstruction import EncodedViews
@@ -21,7 +20,7 @@ from ..losses import GeometryLossConfig, Perceptual, SurfaceMaps, geometry_loss
 from ..picture_grid import grid, normals
 from ..volume_rendering import Rays, SamplingConfig, draw, render
 from . import rendered_views
-from .rendered_views import ViewStage, asked_for, encode, fit
+from .rendered_views import asked_for, encode, fit_georm
 
 
 @dataclass(frozen=True)
@@ -107,20 +106,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Train and write the averaged weights."""
-    torch.manual_seed(args.seed)
-    network = PRESETS[args.preset].georm
     config = SMALL_VOLUME if args.preset == "small" else VolumeConfig()
     window = config.window if args.window is None else args.window
     least = 32 if args.lpips or args.feature_distance else 1  # Those distances take no less.
     if not least <= window <= config.resolutions[0]:
         raise ArmError(f"--window {window}: give {least} to {config.resolutions[0]}")
     config = replace(config, **asked_for(args, config.fewer_views), window=window)
-    whole = replace(config, fewer_views=0.0)
-    stage = ViewStage(
-        "georm",
-        lambda path: view_samples.load(path, network),
-        lambda model, sample, draws: sample_loss(model, sample, config, draws, args.bfloat16),
-        lambda model, sample, draws: sample_loss(model, sample, whole, draws),
-        lambda model, sample: picture(model, sample, config),
-    )
-    return fit(args, GeoRM(network), stage)
+    return fit_georm(args, config, sample_loss, picture)

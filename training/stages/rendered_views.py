@@ -7,13 +7,15 @@ losses of what is rendered. Over all processes each sample is taken once before 
 import argparse
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 
 from arm_blender import checkpoints
+from arm_blender.config import PRESETS
 from arm_blender.errors import ArmError
 from arm_blender.models.georm import GeoRM
 from arm_blender.models.glossyrm import GlossyRM
@@ -90,6 +92,33 @@ def encode(
     with torch.autocast(inputs.images.device.type, torch.bfloat16, enabled=bfloat16):
         encoded = model.encode(inputs)
     return encoded.float()
+
+
+def fit_georm(
+    args: argparse.Namespace,
+    config: Any,
+    sample_loss: Callable[..., dict[str, Tensor]],
+    picture: Callable[[nn.Module, ViewSample, Any], Tensor],
+) -> int:
+    """`fit` of GeoRM in the preset's size, by the loss of a stage of its own.
+
+    Args:
+        config: of the stage; its `fewer_views` is for training only.
+        sample_loss: of a model, a sample, a config, a generator and whether to encode in bfloat16.
+        picture: as of `ViewStage`, of a model, a sample and the config.
+    Raises:
+        ArmError: as `fit`.
+    """
+    torch.manual_seed(args.seed)
+    network, whole = PRESETS[args.preset].georm, replace(config, fewer_views=0.0)
+    stage = ViewStage(
+        "georm",
+        lambda path: view_samples.load(path, network),
+        lambda model, sample, draws: sample_loss(model, sample, config, draws, args.bfloat16),
+        lambda model, sample, draws: sample_loss(model, sample, whole, draws, False),
+        lambda model, sample: picture(model, sample, config),
+    )
+    return fit(args, GeoRM(network), stage)
 
 
 def fit(args: argparse.Namespace, model: Network, stage: ViewStage) -> int:
