@@ -7,6 +7,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
+from arm_blender.blender.environments import shipped_environments
 from arm_blender.blender.studio import light_by_environment
 from arm_blender.graphics.color import LUMINANCE
 
@@ -52,3 +53,8 @@ def add_area_lights(rng: np.random.Generator) -> list[dict[str, float]]:
         bpy.context.scene.collection.objects.link(holder)
         lights.append({"distance": distance, "size": size, "irradiance": irradiance})
     return lights
+
+
+def blender_environments() -> list[Path]:
+    """The environments that Blender ships for its viewport."""
+    return list(shipped_environments().values())

@@ -186,11 +186,10 @@ def _here(items: Sequence[Any], words: dict[str, Any], jobs: int) -> Iterator[tu
 
 def _render_views(assets: list[Asset], hdris: list[Path], args: argparse.Namespace, render: dict[str, Any]) -> int:
     """The evaluation's layout: a folder an object, as a user would bring it."""
-    from arm_blender.blender.environments import shipped_environments
-
+    from .lighting_blender import blender_environments
     from .render_blender import RenderConfig, render_evaluation_views
 
-    hdris, config = hdris or list(shipped_environments().values()), RenderConfig(**render, gpu=not args.cpu)
+    hdris, config = hdris or blender_environments(), RenderConfig(**render, gpu=not args.cpu)
     waiting = [asset for asset in assets if not (args.output / asset.key / "transforms.json").exists()]
     failed = 0
     for index, asset in enumerate(waiting):

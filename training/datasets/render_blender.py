@@ -17,7 +17,6 @@ import bpy
 import numpy as np
 import torch
 
-from arm_blender.blender.environments import shipped_environments
 from arm_blender.commands import interrupts
 from arm_blender.errors import ArmError
 from arm_blender.graphics.cameras import Camera
@@ -31,7 +30,7 @@ from . import shard_writer
 from .asset_filter import unwanted_shape, unwanted_views
 from .assets import Asset
 from .camera_rigs import paper_rig, varied_rig
-from .lighting_blender import add_area_lights, mean_radiance, set_world
+from .lighting_blender import add_area_lights, blender_environments, mean_radiance, set_world
 from .passes_blender import SCRATCH, RenderConfig, configure_cycles, render_view
 from .scene_blender import (
     add_aovs,
@@ -83,8 +82,7 @@ def answer(item: dict[str, Any], words: dict[str, Any]) -> dict[str, Any]:
     """
     asset, started = Asset(**item), time.monotonic()
     render, sample = RenderConfig(**words["render"]), SampleConfig(**words["sample"])
-    hdris = [Path(path) for path in words["hdris"]]
-    hdris += shipped_environments().values() if words["own_hdris"] else ()
+    hdris = [Path(path) for path in words["hdris"]] + (blender_environments() if words["own_hdris"] else [])
     blender = bpy.app.version_string  # It decides what a render looks like.
     record: dict[str, Any] = {"key": asset.key, "source": asset.source, "dropped": None, "blender": blender}
     files: dict[str, dict[str, np.ndarray]] = {}

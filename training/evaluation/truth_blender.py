@@ -9,7 +9,6 @@ import bpy
 import numpy as np
 import torch
 
-from arm_blender.blender.environments import shipped_environments
 from arm_blender.errors import ArmError
 from arm_blender.files import staging, write_json
 from arm_blender.graphics.cameras import Camera
@@ -17,7 +16,7 @@ from arm_blender.graphics.color import linear_from_srgb
 from arm_blender.views.image_io import write_png
 from arm_blender.views.transforms_json import write_transforms
 
-from ..datasets.lighting_blender import mean_radiance, set_world
+from ..datasets.lighting_blender import blender_environments, mean_radiance, set_world
 from ..datasets.passes_blender import SCRATCH, RenderConfig, configure_cycles, render_view
 from ..datasets.scene_blender import (
     add_aovs,
@@ -71,7 +70,7 @@ def render_missing(
 
 def environments(lights: dict[str, list[Path]]) -> dict[str, list[Path]]:
     """The HDRIs of both splits; without any of a split Blender's own, one half for each."""
-    own = list(shipped_environments().values())
+    own = blender_environments()
     return {"train": lights["train"] or own[::2], "eval": lights["eval"] or own[1::2]}
 
 
