@@ -41,7 +41,7 @@ PRESETS: dict[str, Preset] = {
         reconstruction.SMALL_GLOSSY,
         instant_albedo.SMALL,
         # Its volume has cells of 0.04, whose steps show, and its surface lies inside of the outlines by a little.
-        fairing=FairingConfig(wavelength=0.14, swell=0.004),
+        fairing=FairingConfig(wavelength=0.14, swell=0.006),
     ),
     "paper": Preset(reconstruction.PAPER, reconstruction.PAPER, instant_albedo.PAPER, grid=256),  # ARM, section 5.1.
     # InstantMesh has no networks of the material, and those of `small` need to know nothing of the shape's.

@@ -19,7 +19,7 @@ from .point_samples import rotation_z
 from .rasterized import Library
 from .rasterized_lights import studio
 
-RELIT, REPAINTED = 0.6, 0.35
+RELIT, REPAINTED = 0.6, 0.65
 """Shares of the samples."""
 
 ALONE, FEW = 0.12, 0.25
@@ -34,8 +34,8 @@ MOST_EXPOSED, LEAST_EXPOSED = 1.6, 0.5
 """Factors by which a sample is brought to `EXPOSURE` at most: what was clipped stays so."""
 
 DARKEST = 0.03
-"""Least factor of a new paint, evenly drawn in its logarithm: black things are common, and hardest to tell from grey
-ones that reflect."""
+"""Least factor of half of the new paints, evenly drawn in its logarithm: black things are common, and hardest to tell
+from grey ones that reflect."""
 
 STIFF = 1e-3
 """Weight of the white light that the fitted one is drawn to, by ridge regression: some directions no point faces."""
@@ -111,13 +111,21 @@ def relit(sample: DelightingSample, old: Tensor, new: Tensor) -> DelightingSampl
 
 
 def repainted(sample: DelightingSample, light: Tensor, random: torch.Generator) -> DelightingSample:
-    """The sample in a darker, tinted paint under its own light (9, 3); what it reflects stays."""
-    paint = math.exp(math.log(DARKEST) * _draw(random)) * (0.25 * torch.randn(3, generator=random)).exp()
-    paint = paint.clamp(max=1.0)
+    """The sample in another paint under its own light (9, 3): contrast, hues, tint. What it reflects stays."""
+    paint = sample.albedo.clamp(min=1e-4) ** (0.7 + 0.8 * _draw(random))
+    if _draw(random) < 0.6:
+        paint = paint[..., torch.randperm(3, generator=random)]
+    tint = (0.25 * torch.randn(3, generator=random)).exp()
+    if _draw(random) < 0.5:
+        tint = tint * DARKEST ** _draw(random)
+    else:
+        brightest = float(paint.flatten().quantile(0.95))
+        tint = tint * (0.6 + 0.4 * _draw(random)) / max(brightest, 0.2)
+    paint = (paint * tint).clamp(1e-5, 0.95)
     irradiance = (gathered(sample.points.normal) @ light).clamp(min=0.0)
-    taken = (1.0 - paint) * sample.albedo * irradiance
-    color = (sample.points.color - taken[:, None]).clamp(min=1e-4)
-    return replace(sample, points=replace(sample.points, color=color), albedo=sample.albedo * paint)
+    more = (paint - sample.albedo) * irradiance
+    color = (sample.points.color + more[:, None]).clamp(1e-4, 1.0)
+    return replace(sample, points=replace(sample.points, color=color), albedo=paint)
 
 
 def fewer_views(points: SeenPoints, random: torch.Generator) -> SeenPoints:
