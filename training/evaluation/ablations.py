@@ -19,7 +19,7 @@ from arm_blender.files import check_output
 from ..datasets import atlases, shards
 from ..stages import georm_occupancy, instant_albedo
 from .bars import Reader, geometry_score, map_score, mean
-from .entries import evaluation_entries
+from .entries import evaluation_entries, in_fair_order
 from .evaluate import render_truth
 from .measure import BLEND, HULL, OURS, ObjectResult, measure
 from .objects import EvaluationObject
@@ -83,6 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--data", type=Path, help="folder with manifest.json; ARM_DATA by default")
     parser.add_argument("--split", default="eval", choices=("train", "eval"), help="whose objects are measured")
     parser.add_argument("--set", nargs="*", default=["pbr"], help="their sets")
+    parser.add_argument("--limit", type=int, help="only so many of them, the same in every run")
     parser.add_argument("--steps", type=int, default=200, help="of every fit of InstantAlbedo")
     parser.add_argument("--georm-steps", type=int, default=150, help="of every fit of GeoRM")
     parser.add_argument("--truth", type=Path, default=Path("out/evaluation-truth"), help="rendered truth, kept")
@@ -96,7 +97,8 @@ def run(args: argparse.Namespace) -> int:
     """Fit what is not fitted yet, measure, and write the tables."""
     check_output(args.output)
     others = fitted(ALBEDO, args.steps, args) | fitted(SHAPE, args.georm_steps, args)
-    results = measured(Trial(Settings("small"), PROTOCOL, cycles=False, one_view=False, others=others), args)
+    trial = Trial(Settings("small"), PROTOCOL, align=False, cycles=False, one_view=False, others=others)
+    results = measured(trial, args)
     text = paragraphs(setting_text(results, args), albedo_table(results), shape_table(results))
     text = paragraphs(text, f"Made by `{args.command}`.")
     write_text(args.output / "ablations.md", text)
@@ -135,7 +137,7 @@ def fitted(study: Study, steps: int, args: argparse.Namespace) -> dict[str, Sett
 
 def measured(trial: Trial, args: argparse.Namespace) -> list[ObjectResult]:
     """Every object through all systems; `results.json` keeps what was measured before."""
-    entries = evaluation_entries(args.data, "manifest", args.split, args.set)
+    entries = in_fair_order(evaluation_entries(args.data, "manifest", args.split, args.set))[: args.limit]
     cache, folder = args.truth / trial.protocol.folder, args.output / "evaluation"
     render_truth(entries, cache, args.data, "manifest", trial.protocol)
     known, results = kept_results(folder, trial), []
