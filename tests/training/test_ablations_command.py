@@ -15,6 +15,7 @@ from training.evaluation.ablations import ALBEDO, SHAPE, WHOLE
 from training.evaluation.alignment import AlignmentConfig
 from training.evaluation.protocol import Protocol
 from training.evaluation.trial import Trial
+from training.run_record import RunRecord
 
 
 @pytest.fixture
@@ -27,6 +28,9 @@ def fits(monkeypatch) -> list:
             asked.append(args)
             args.output.parent.mkdir(parents=True)
             args.output.touch()
+            numbers = {"albedo": 14.0, "blend as albedo": 13.0, "iou": 0.6, "hull iou": 0.5}
+            for step in (1, args.steps):
+                RunRecord.beside(args.output, {}).scalars(step, "validation", {k: step * v for k, v in numbers.items()})
             return 0
 
         monkeypatch.setattr(study.stage, "run", run)
@@ -92,10 +96,13 @@ def test_the_tables_say_what_was_measured(command, ball_data, capsys):
     found = rows(albedo)
     assert set(ALBEDO.rows.values()) <= found.keys()
     whole, blind = found[ALBEDO.rows[WHOLE]], found[ALBEDO.rows["no-measurements"]]
-    assert whole == ["50.00", *whole[1:4], "-"] and float(blind[0]) < 20.0 and blind[-1] == "0 of 1"
-    assert blind[1:4] == whole[1:4]  # Right but for its scale; roughness and metallic are the same.
+    assert whole == ["42.00", "50.00", *whole[2:5], "-"] and float(blind[1]) < 20.0 and blind[-1] == "0 of 1"
+    assert blind[2:5] == whole[2:5]  # Right but for its scale; roughness and metallic are the same.
+    # Of held-out objects what the fit's last validation said.
+    assert found["*no network*"][0] == "39.00" and found["*as shipped, from a longer training*"][0] == "-"
     shapes = rows("| GeoRM " + shape)
-    assert shapes[SHAPE.rows[WHOLE]][0] == "1.000" and float(shapes[SHAPE.rows["no-pixel-aligned"]][0]) == 0.0
+    assert shapes[SHAPE.rows[WHOLE]][:2] == ["1.200", "1.000"] and shapes["*no network*"][0] == "1.000"
+    assert float(shapes[SHAPE.rows["no-pixel-aligned"]][1]) == 0.0
     record = json.loads((ball_data / "out" / "evaluation" / "results.json").read_text())
     assert {ALBEDO.system(name) for name in ALBEDO.rows} <= record["objects"][0]["systems"].keys()
 

@@ -17,8 +17,9 @@ from arm_blender.errors import ArmError
 from arm_blender.files import check_output
 
 from ..datasets import atlases, shards
+from ..run_record import last_scalar
 from ..stages import georm_occupancy, instant_albedo
-from .bars import Reader, geometry_score, map_score, mean
+from .bars import geometry_score, map_score, mean
 from .entries import evaluation_entries, in_fair_order
 from .evaluate import render_truth
 from .measure import BLEND, HULL, OURS, ObjectResult, measure
@@ -42,6 +43,16 @@ VIEWS, ALBEDO_RATE = 4, 1e-3
 """Truth views in a step of InstantAlbedo, and its learning rate: for runs this short."""
 
 
+_MAPS = {
+    "albedo": map_score("albedo", "psnr_in"),
+    "albedo, scaled": map_score("albedo scaled", "psnr_in"),
+    "roughness": map_score("roughness", "psnr_in"),
+    "metallic": map_score("metallic", "psnr_in"),
+}
+_SHAPES = {"F@0.1": geometry_score("f_coarse"), "F@0.02": geometry_score("f_fine"), "CD": geometry_score("chamfer")}
+"""Scores of either network, by their titles in the table."""
+
+
 @dataclass(frozen=True)
 class Study:
     """One network and what is left out of it.
@@ -50,11 +61,15 @@ class Study:
         network: as of `Settings.weights`.
         stage: module of the stage that fits it.
         rows: title in the table by the name of the ablation; `WHOLE` is the first.
+        validated: the stage's own number on held-out objects, in its validations.
+        baseline: the same without a network.
     """
 
     network: str
     stage: ModuleType
     rows: dict[str, str]
+    validated: str
+    baseline: str
 
     def system(self, ablation: str) -> str:
         """Name of a row's system in `results.json`."""
@@ -72,8 +87,16 @@ ALBEDO = Study(
         "unified-material": "roughness and metallic predicted, too",
         "no-super-resolution": "no super-resolution",
     },
+    validated="albedo",
+    baseline="blend as albedo",
 )
-SHAPE = Study("georm", georm_occupancy, {WHOLE: "nothing left out", "no-pixel-aligned": "no pixel-aligned features"})
+SHAPE = Study(
+    "georm",
+    georm_occupancy,
+    {WHOLE: "nothing left out", "no-pixel-aligned": "no pixel-aligned features"},
+    validated="iou",
+    baseline="hull iou",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -96,11 +119,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Fit what is not fitted yet, measure, and write the tables."""
     check_output(args.output)
-    others = fitted(ALBEDO, args.steps, args) | fitted(SHAPE, args.georm_steps, args)
+    albedo, shape = fitted(ALBEDO, args.steps, args), fitted(SHAPE, args.georm_steps, args)
+    others = {
+        study.system(name): row for study, rows in ((ALBEDO, albedo), (SHAPE, shape)) for name, row in rows.items()
+    }
     trial = Trial(Settings("small"), PROTOCOL, align=False, cycles=False, one_view=False, others=others)
     results = measured(trial, args)
-    text = paragraphs(setting_text(results, args), albedo_table(results), shape_table(results))
-    text = paragraphs(text, f"Made by `{args.command}`.")
+    tables = table(ALBEDO, albedo, results), table(SHAPE, shape, results)
+    text = paragraphs(setting_text(results, args), *tables, f"Made by `{args.command}`.")
     write_text(args.output / "ablations.md", text)
     if args.update_document is not None:
         fill_block(args.update_document, "ablations", text)
@@ -109,7 +135,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def fitted(study: Study, steps: int, args: argparse.Namespace) -> dict[str, Settings]:
-    """Settings with the weights of each row by the name of its system; those that are missing are fitted.
+    """Settings with the weights of each row by the name of the ablation; those that are missing are fitted.
 
     Raises:
         ArmError: as the stage does.
@@ -132,7 +158,7 @@ def fitted(study: Study, steps: int, args: argparse.Namespace) -> dict[str, Sett
         study.stage.add_arguments(parser)
         if study.stage.run(parser.parse_args([str(word) for word in words])) != 0 or not settings.brings(study.network):
             raise ArmError(f"{weights}: was not fitted; see the lines above")
-    return {study.system(ablation): settings for ablation, settings in found.items()}
+    return found
 
 
 def measured(trial: Trial, args: argparse.Namespace) -> list[ObjectResult]:
@@ -152,48 +178,35 @@ def measured(trial: Trial, args: argparse.Namespace) -> list[ObjectResult]:
     return results
 
 
-def albedo_table(results: Sequence[ObjectResult]) -> str:
-    """Markdown: maps inside of the object, by every network of `ALBEDO`, as shipped, and by blending alone."""
-    readers = [map_score(*names) for names in _MAPS.values()]
-    systems = {BLEND: "*plain blending, no network*", OURS: "*as shipped, from a longer training*"}
-    systems |= {ALBEDO.system(ablation): title for ablation, title in ALBEDO.rows.items()}
-    return _table(results, systems, ALBEDO, dict(zip(_MAPS, readers, strict=True)), digits=2)
+def table(study: Study, fits: dict[str, Settings], results: Sequence[ObjectResult]) -> str:
+    """Markdown: a row per network of a study, as shipped, and without any, with the means over all objects.
 
+    The first column is what the fit's own validation said of held-out objects, the last counts on how many of the
+    measured objects the first of the other scores is better than by the network with all its parts.
 
-def shape_table(results: Sequence[ObjectResult]) -> str:
-    """Markdown: the surface by every network of `SHAPE`, as shipped, and by the visual hull alone."""
-    readers = {title: geometry_score(name) for title, name in _SHAPES.items()}
-    systems = {HULL: "*visual hull, no network*", OURS: "*as shipped, from a longer training*"}
-    systems |= {SHAPE.system(ablation): title for ablation, title in SHAPE.rows.items()}
-    return _table(results, systems, SHAPE, readers, digits=3)
-
-
-_MAPS = {
-    "albedo": ("albedo", "psnr_in"),
-    "albedo, scaled": ("albedo scaled", "psnr_in"),
-    "roughness": ("roughness", "psnr_in"),
-    "metallic": ("metallic", "psnr_in"),
-}
-_SHAPES = {"F@0.1": "f_coarse", "F@0.02": "f_fine", "CD": "chamfer"}
-
-
-def _table(
-    results: Sequence[ObjectResult], systems: dict[str, str], study: Study, readers: dict[str, Reader], digits: int
-) -> str:
-    """A row per system with its means; the last column counts on how many objects the first reader's is better."""
+    Args:
+        fits: settings with the weights of each row by the name of the ablation.
+    """
+    (title, bare), readers, digits = {
+        "instant_albedo": (("InstantAlbedo", BLEND), _MAPS, 2),
+        "georm": (("GeoRM", HULL), _SHAPES, 3),
+    }[study.network]
+    outputs = {name: row.weights(study.network) for name, row in fits.items()}
+    systems = [
+        (bare, "*no network*", last_scalar(outputs[WHOLE], "validation", study.baseline)),
+        (OURS, "*as shipped, from a longer training*", None),
+    ]
+    for name, row in study.rows.items():
+        systems.append((study.system(name), row, last_scalar(outputs[name], "validation", study.validated)))
     first, whole = next(iter(readers.values())), study.system(WHOLE)
     rows = []
-    for name, title in systems.items():
-        numbers = [mean(results, (), name, read) for read in readers.values()]
-        pairs = [(first(r.systems[name]), first(r.systems[whole])) for r in results]
-        better = "-" if name == whole else f"{sum(a > b for a, b in pairs)} of {len(pairs)}"
-        rows.append([title, *(_number(number, digits) for number in numbers), better])
-    name = {"instant_albedo": "InstantAlbedo", "georm": "GeoRM"}[study.network]
-    return markdown_table([name, *readers, f"better {next(iter(readers))} than with all parts"], rows)
-
-
-def _number(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
+    for system, row, held_out in systems:
+        numbers = [held_out, *(mean(results, (), system, read) for read in readers.values())]
+        pairs = [(first(result.systems[system]), first(result.systems[whole])) for result in results]
+        better = "-" if system == whole else f"{sum(a > b for a, b in pairs)} of {len(pairs)}"
+        rows.append([row, *("-" if x is None else f"{x:.{digits}f}" for x in numbers), better])
+    header = [title, f"held out: {study.validated}", *readers, f"better {next(iter(readers))} than with all parts"]
+    return markdown_table(header, rows)
 
 
 def setting_text(results: Sequence[ObjectResult], args: argparse.Namespace) -> str:
