@@ -11,7 +11,7 @@ from arm_blender.report import Report
 from arm_blender.structures import MaterialMaps, RelightableAsset
 from training.__main__ import main
 from training.evaluation import ablations
-from training.evaluation.ablations import ALBEDO, SHAPE, WHOLE
+from training.evaluation.ablations import ALBEDO, SHAPE, STUDIES, WHOLE
 from training.evaluation.alignment import AlignmentConfig
 from training.evaluation.protocol import Protocol
 from training.evaluation.trial import Trial
@@ -88,10 +88,11 @@ def rows(text: str) -> dict[str, list[str]]:
 
 def test_the_tables_say_what_was_measured(command, ball_data, capsys):
     document = ball_data / "ablations.md"
-    document.write_text("<!-- ablations:begin -->\n<!-- ablations:end -->\n")
+    document.write_text("".join(f"<!-- {name}:begin -->\n<!-- {name}:end -->\n" for name in STUDIES))
     assert main([*command, "--update-document", str(document)]) == 0
     text = document.read_text()
-    assert "2 samples of 1 objects" in text and "1 rigs of 1 objects" in text and "Measured on 1 objects" in text
+    assert "2 samples of 1 objects" in text and "1 rigs of 1 objects" in text
+    assert text.count("Measured on 1 objects") == 2
     albedo, _, shape = text.partition("| GeoRM ")
     found = rows(albedo)
     assert set(ALBEDO.rows.values()) <= found.keys()
@@ -103,7 +104,7 @@ def test_the_tables_say_what_was_measured(command, ball_data, capsys):
     shapes = rows("| GeoRM " + shape)
     assert shapes[SHAPE.rows[WHOLE]][:2] == ["1.200", "1.000"] and shapes["*no network*"][0] == "1.000"
     assert float(shapes[SHAPE.rows["no-pixel-aligned"]][1]) == 0.0
-    record = json.loads((ball_data / "out" / "evaluation" / "results.json").read_text())
+    record = json.loads((ball_data / "out" / "evaluation-instant_albedo" / "results.json").read_text())
     assert {ALBEDO.system(name) for name in ALBEDO.rows} <= record["objects"][0]["systems"].keys()
 
 
@@ -111,7 +112,7 @@ def test_a_fit_that_leaves_no_weights_is_an_error(command, monkeypatch, capsys, 
     monkeypatch.setattr(SHAPE.stage, "run", lambda args: 0)
     assert main(command) == 1
     assert "small.georm.safetensors: was not fitted" in capsys.readouterr().err
-    assert not (tmp_path / "out" / "ablations.md").exists()
+    assert not (tmp_path / "out" / "georm.md").exists()
 
 
 def test_every_ablation_of_the_network_has_a_row_but_the_random_prior():

@@ -19,9 +19,10 @@ from arm_blender.files import check_output
 from ..datasets import atlases, shards
 from ..run_record import last_scalar
 from ..stages import georm_occupancy, instant_albedo
-from .bars import geometry_score, map_score, mean
+from .bars import Reader, geometry_score, map_score, mean
 from .entries import evaluation_entries, in_fair_order
 from .evaluate import render_truth
+from .geometry import MEASURES
 from .measure import BLEND, HULL, OURS, ObjectResult, measure
 from .objects import EvaluationObject
 from .output import write_tables
@@ -43,33 +44,31 @@ VIEWS, ALBEDO_RATE = 4, 1e-3
 """Truth views in a step of InstantAlbedo, and its learning rate: for runs this short."""
 
 
-_MAPS = {
-    "albedo": map_score("albedo", "psnr_in"),
-    "albedo, scaled": map_score("albedo scaled", "psnr_in"),
-    "roughness": map_score("roughness", "psnr_in"),
-    "metallic": map_score("metallic", "psnr_in"),
-}
-_SHAPES = {"F@0.1": geometry_score("f_coarse"), "F@0.02": geometry_score("f_fine"), "CD": geometry_score("chamfer")}
-"""Scores of either network, by their titles in the table."""
-
-
 @dataclass(frozen=True)
 class Study:
     """One network and what is left out of it.
 
     Attributes:
         network: as of `Settings.weights`.
+        title: in the table.
         stage: module of the stage that fits it.
         rows: title in the table by the name of the ablation; `WHOLE` is the first.
         validated: the stage's own number on held-out objects, in its validations.
         baseline: the same without a network.
+        bare: the evaluation's system without this network.
+        readers: scores by their title in the table.
+        digits: of those.
     """
 
     network: str
+    title: str
     stage: ModuleType
     rows: dict[str, str]
     validated: str
     baseline: str
+    bare: str
+    readers: dict[str, Reader]
+    digits: int
 
     def system(self, ablation: str) -> str:
         """Name of a row's system in `results.json`."""
@@ -78,6 +77,7 @@ class Study:
 
 ALBEDO = Study(
     "instant_albedo",
+    "InstantAlbedo",
     instant_albedo,
     {
         WHOLE: "nothing left out",
@@ -89,20 +89,36 @@ ALBEDO = Study(
     },
     validated="albedo",
     baseline="blend as albedo",
+    bare=BLEND,
+    readers={
+        "albedo": map_score("albedo", "psnr_in"),
+        "albedo, scaled": map_score("albedo scaled", "psnr_in"),
+        "roughness": map_score("roughness", "psnr_in"),
+        "metallic": map_score("metallic", "psnr_in"),
+    },
+    digits=2,
 )
 SHAPE = Study(
     "georm",
+    "GeoRM",
     georm_occupancy,
     {WHOLE: "nothing left out", "no-pixel-aligned": "no pixel-aligned features"},
     validated="iou",
     baseline="hull iou",
+    bare=HULL,
+    readers={title: geometry_score(name) for name, title in MEASURES.items()},
+    digits=3,
 )
+STUDIES = {study.network: study for study in (ALBEDO, SHAPE)}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The words of `python -m training ablations`."""
     parser.add_argument("--shards", type=Path, required=True, help="rendered and prepared objects to learn from")
     parser.add_argument("--cache", type=Path, required=True, help="folder of InstantAlbedo's samples, made if missing")
+    parser.add_argument(
+        "--networks", nargs="*", default=list(STUDIES), choices=STUDIES, help="of which parts are left out"
+    )
     parser.add_argument("--data", type=Path, help="folder with manifest.json; ARM_DATA by default")
     parser.add_argument("--split", default="eval", choices=("train", "eval"), help="whose objects are measured")
     parser.add_argument("--set", nargs="*", default=["pbr"], help="their sets")
@@ -112,25 +128,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--truth", type=Path, default=Path("out/evaluation-truth"), help="rendered truth, kept")
     parser.add_argument("--output", type=Path, default=Path("out/ablations"), help="folder of weights and tables")
     parser.add_argument(
-        "--update-document", type=Path, nargs="?", const=Path("docs/ablations.md"), help="fill its block of ablations"
+        "--update-document",
+        type=Path,
+        nargs="?",
+        const=Path("docs/ablations.md"),
+        help="fill its blocks of the networks",
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fit what is not fitted yet, measure, and write the tables."""
+    """Fit what is not fitted yet, measure, and write the tables, one network after the other."""
     check_output(args.output)
-    albedo, shape = fitted(ALBEDO, args.steps, args), fitted(SHAPE, args.georm_steps, args)
-    others = {
-        study.system(name): row for study, rows in ((ALBEDO, albedo), (SHAPE, shape)) for name, row in rows.items()
-    }
-    trial = Trial(Settings("small"), PROTOCOL, align=False, cycles=False, one_view=False, others=others)
-    results = measured(trial, args)
-    tables = table(ALBEDO, albedo, results), table(SHAPE, shape, results)
-    text = paragraphs(setting_text(results, args), *tables, f"Made by `{args.command}`.")
-    write_text(args.output / "ablations.md", text)
-    if args.update_document is not None:
-        fill_block(args.update_document, "ablations", text)
-    print(text)
+    for name in args.networks:
+        study = STUDIES[name]
+        steps = args.steps if study is ALBEDO else args.georm_steps
+        fits = fitted(study, steps, args)
+        others = {study.system(ablation): settings for ablation, settings in fits.items()}
+        trial = Trial(Settings("small"), PROTOCOL, align=False, cycles=False, one_view=False, others=others)
+        results = measured(trial, args.output / f"evaluation-{name}", args)
+        text = paragraphs(
+            setting_text(study, steps, results, args), table(study, fits, results), f"Made by `{args.command}`."
+        )
+        write_text(args.output / f"{name}.md", text)
+        if args.update_document is not None:
+            fill_block(args.update_document, name, text)
+        print(text)
     return 0
 
 
@@ -161,10 +183,10 @@ def fitted(study: Study, steps: int, args: argparse.Namespace) -> dict[str, Sett
     return found
 
 
-def measured(trial: Trial, args: argparse.Namespace) -> list[ObjectResult]:
-    """Every object through all systems; `results.json` keeps what was measured before."""
+def measured(trial: Trial, folder: Path, args: argparse.Namespace) -> list[ObjectResult]:
+    """Every object through all systems; `results.json` in the folder keeps what was measured before."""
     entries = in_fair_order(evaluation_entries(args.data, "manifest", args.split, args.set))[: args.limit]
-    cache, folder = args.truth / trial.protocol.folder, args.output / "evaluation"
+    cache = args.truth / trial.protocol.folder
     render_truth(entries, cache, args.data, "manifest", trial.protocol)
     known, results = kept_results(folder, trial), []
     folder.mkdir(parents=True, exist_ok=True)
@@ -187,36 +209,39 @@ def table(study: Study, fits: dict[str, Settings], results: Sequence[ObjectResul
     Args:
         fits: settings with the weights of each row by the name of the ablation.
     """
-    (title, bare), readers, digits = {
-        "instant_albedo": (("InstantAlbedo", BLEND), _MAPS, 2),
-        "georm": (("GeoRM", HULL), _SHAPES, 3),
-    }[study.network]
     outputs = {name: row.weights(study.network) for name, row in fits.items()}
     systems = [
-        (bare, "*no network*", last_scalar(outputs[WHOLE], "validation", study.baseline)),
+        (study.bare, "*no network*", last_scalar(outputs[WHOLE], "validation", study.baseline)),
         (OURS, "*as shipped, from a longer training*", None),
     ]
     for name, row in study.rows.items():
         systems.append((study.system(name), row, last_scalar(outputs[name], "validation", study.validated)))
-    first, whole = next(iter(readers.values())), study.system(WHOLE)
+    (title, first), *_ = study.readers.items()
+    whole = study.system(WHOLE)
     rows = []
     for system, row, held_out in systems:
-        numbers = [held_out, *(mean(results, (), system, read) for read in readers.values())]
+        numbers = [held_out, *(mean(results, (), system, read) for read in study.readers.values())]
         pairs = [(first(result.systems[system]), first(result.systems[whole])) for result in results]
         better = "-" if system == whole else f"{sum(a > b for a, b in pairs)} of {len(pairs)}"
-        rows.append([row, *("-" if x is None else f"{x:.{digits}f}" for x in numbers), better])
-    header = [title, f"held out: {study.validated}", *readers, f"better {next(iter(readers))} than with all parts"]
+        rows.append([row, *("-" if x is None else f"{x:.{study.digits}f}" for x in numbers), better])
+    header = [study.title, f"held out: {study.validated}", *study.readers, f"better {title} than with all parts"]
     return markdown_table(header, rows)
 
 
-def setting_text(results: Sequence[ObjectResult], args: argparse.Namespace) -> str:
+def setting_text(study: Study, steps: int, results: Sequence[ObjectResult], args: argparse.Namespace) -> str:
     """What was fitted on what, and measured on what."""
-    samples, rigs = atlases.files(args.cache), shards.rigs(args.shards)
-    owners = {instant_albedo.owner(path) for path in samples}
+    if study is ALBEDO:
+        samples = atlases.files(args.cache)
+        objects, held_out = len({instant_albedo.owner(path) for path in samples}), "one in twenty"
+        text = (
+            f"{steps} steps of one atlas and {VIEWS} views each, learning rate {ALBEDO_RATE:g}; {len(samples)} samples"
+        )
+    else:
+        samples = shards.rigs(args.shards)
+        objects, held_out = len({rig.parent for rig in samples}), "about one in 32"
+        text = f"{steps} steps of two objects each; {len(samples)} rigs"
     return (
-        f"InstantAlbedo: {args.steps} steps of one atlas and {VIEWS} views, learning rate {ALBEDO_RATE:g}, "
-        f"{len(samples)} samples of {len(owners)} objects. GeoRM: {args.georm_steps} steps of two objects, "
-        f"{len(rigs)} rigs of {len({rig.parent for rig in rigs})} objects. A twentieth and a thirty-second of the "
-        f"objects validate. Measured on {len(results)} objects of {', '.join(args.set)}, {PROTOCOL.views} views of "
-        f"{PROTOCOL.resolution}², PSNR in dB inside of the object; InstantAlbedo's rows have the shape that ships."
+        f"{study.title}: {text} of {objects} objects, of which {held_out} only validates. Measured on {len(results)} "
+        f"objects of {', '.join(args.set)}, {PROTOCOL.views} views of {PROTOCOL.resolution}²; PSNR in dB inside of the "
+        "object."
     )
