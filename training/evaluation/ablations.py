@@ -124,7 +124,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--set", nargs="*", default=["pbr"], help="their sets")
     parser.add_argument("--limit", type=int, help="only so many of them, the same in every run")
     parser.add_argument("--steps", type=int, default=200, help="of every fit of InstantAlbedo")
-    parser.add_argument("--georm-steps", type=int, default=150, help="of every fit of GeoRM")
+    parser.add_argument("--georm-steps", type=int, default=100, help="of every fit of GeoRM")
     parser.add_argument("--truth", type=Path, default=Path("out/evaluation-truth"), help="rendered truth, kept")
     parser.add_argument("--output", type=Path, default=Path("out/ablations"), help="folder of weights and tables")
     parser.add_argument(
