@@ -123,6 +123,21 @@ class RunRecord:
         return self._events
 
 
+def last_scalar(output: Path, kind: str, name: str) -> float | None:
+    """The latest number that the record beside an output holds; None where it holds none.
+
+    Args:
+        output: NAME.safetensors, as of `RunRecord.beside`.
+        kind, name: as of `RunRecord.scalars`.
+    """
+    path = output.parent / "runs" / output.stem / "scalars.csv"
+    if not path.is_file():
+        return None
+    with open(path, newline="", encoding="utf-8") as file:
+        found = [row for row in csv.DictReader(file) if (row["kind"], row["name"]) == (kind, name)]
+    return float(found[-1]["value"]) if found else None
+
+
 def versions() -> dict[str, str]:
     """Of whatever the numbers of a run depend on."""
     return {

@@ -14,7 +14,7 @@ bpy = pytest.importorskip("bpy")
 from arm_blender.export.gltf import write_glb  # noqa: E402
 from arm_blender.structures import RelightableAsset, TriangleMesh  # noqa: E402
 from training.__main__ import main  # noqa: E402
-from training.evaluation import truth_blender  # noqa: E402
+from training.evaluation import evaluate, truth_blender  # noqa: E402
 from training.evaluation.asset_pictures import map_pictures, vertex_pictures  # noqa: E402
 from training.evaluation.asset_render_blender import asset_lights, colored_lights  # noqa: E402
 from training.evaluation.baselines import ColoredMesh  # noqa: E402
@@ -94,6 +94,19 @@ def test_more_views_are_relit_under_more_lights(data, asset):
         truth.tests, partial(map_pictures, asset), render_asset, replace(truth, relighting=swapped), None
     )
     assert scores["relit"].psnr_in < 30.0
+
+
+def test_the_paper_protocol_measures_the_meshes_of_another_system(data, monkeypatch):
+    """By fewer views and lights; the truth's own file is the other system."""
+    monkeypatch.setattr(evaluate, "PAPER_COUNTS", {"views": 2, "relit_views": 3, "environments": 2})
+    words = ["--data", str(data), "--cache", str(data / "cache"), "--output", str(data / "out"), *WORDS[:4]]
+    assert main(["evaluate", *words, "--paper-protocol", "--meshes", str(data)]) == 0
+    record = json.loads((data / "out" / "results.json").read_text())
+    assert "relighting of 3 views under 2 environments" in record["setting"]
+    systems = record["objects"][0]["systems"]
+    assert min(systems["ours"]["maps"][name]["psnr_in"] for name in ("albedo", "lit", "relit")) > 45.0
+    assert 0.0 < systems["hull"]["maps"]["relit"]["psnr_in"] < 30.0
+    assert (data / "out" / "large" / "ring.jpg").stat().st_size > 0
 
 
 def test_colours_at_vertices_are_lit_as_a_texture_of_that_colour(data, asset):

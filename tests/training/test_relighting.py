@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 import torch
 
+from arm_blender.config import Settings
 from arm_blender.errors import ArmError
+from training.__main__ import main
 from training.evaluation.image_scores import PSNR_CAP
+from training.evaluation.output import setting_text
 from training.evaluation.protocol import PAPER_COUNTS, QUICK, Protocol
 from training.evaluation.relighting import relighting_scores, relit_lights, relit_pictures, save_relit, under_lights
+from training.evaluation.trial import Trial
 from training.evaluation.truth import Appearance, Relighting, Truth, relit_files
 
 OTHERS, OWN = [Path(f"eval-{k}.hdr") for k in range(3)], [Path(f"own-{k}.exr") for k in range(8)]
@@ -23,6 +27,14 @@ def test_the_papers_counts_have_a_folder_of_their_own():
     assert Protocol().folder == "320px-32spp-8views"  # What was rendered before is not rendered again.
     with pytest.raises(ValueError, match="relit_views"):
         Protocol(environments=6)
+
+
+def test_a_table_says_how_many_views_and_environments_it_is_of(capsys):
+    text = setting_text([], Trial(Settings(), Protocol(**PAPER_COUNTS)))
+    assert "32 test views of 320²" in text and "relighting of 24 views under 6 environments" in text
+    assert "8 test views" in setting_text([], Trial(Settings(), Protocol()))
+    assert main(["evaluate", "--quick", "--paper-protocol"]) == 1
+    assert "give one of them" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("protocol", [Protocol(), Protocol(**PAPER_COUNTS)])

@@ -1,5 +1,6 @@
 """The objects to evaluate on, from a manifest or as other sets lay them out."""
 
+import zlib
 from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
@@ -63,6 +64,11 @@ def _folder(data: Path) -> Iterator[EvaluationEntry]:
     for path in data.rglob("*"):
         if path.suffix.lower() in MODELS:
             yield EvaluationEntry(path.stem, path, "folder")
+
+
+def in_fair_order(entries: list[EvaluationEntry]) -> list[EvaluationEntry]:
+    """The objects in an order that knows nothing of them, so that the first ones are a fair sample of all."""
+    return sorted(entries, key=lambda entry: zlib.crc32(entry.name.encode()))
 
 
 def spread(entries: list[EvaluationEntry], count: int) -> list[EvaluationEntry]:

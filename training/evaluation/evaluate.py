@@ -6,7 +6,6 @@ as the truth was, and one table says where they stand. With `--views` the shapes
 
 import argparse
 import logging
-import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from ..datasets.manifest import read_manifest
 from ..lpips import Lpips
 from . import shape_table
 from .cost import measured_cost
-from .entries import DATASETS, evaluation_entries, spread
+from .entries import DATASETS, evaluation_entries, in_fair_order, spread
 from .measure import ONE_VIEW, OURS, ObjectResult, measure
 from .objects import EvaluationObject
 from .other_system import measure_file
@@ -160,8 +159,7 @@ def _entries(args: argparse.Namespace) -> list[EvaluationEntry]:
         entries = [entry for entry in entries if entry.name in args.ids]
     if args.quick and len(entries) > QUICK_OBJECTS:
         entries = spread(entries, QUICK_OBJECTS)
-    entries.sort(key=lambda entry: zlib.crc32(entry.name.encode()))  # So that any prefix is a fair sample.
-    return entries[: args.limit]
+    return in_fair_order(entries)[: args.limit]
 
 
 def render_truth(entries: Sequence[EvaluationEntry], cache: Path, data: Path, dataset: str, protocol: Protocol) -> None:

@@ -185,12 +185,11 @@ def _score_asset(
     result = replace(result, maps=result.maps | relit)
     if same is not None:
         return replace(result, geometry=same.geometry, aligned=same.aligned)
+    result = replace(result, geometry=compare(shown.shapes[name], surface, trial.points, trial.seed))
+    if not trial.align:
+        return result
     motion = moved_by(align(shown.shapes[name], surface, trial.seed, trial.alignment))
-    return replace(
-        result,
-        geometry=compare(shown.shapes[name], surface, trial.points, trial.seed),
-        aligned=compare(shown.shapes[name].moved(motion), surface, trial.points, trial.seed),
-    )
+    return replace(result, aligned=compare(shown.shapes[name].moved(motion), surface, trial.points, trial.seed))
 
 
 def score_hull(entry: EvaluationEntry, shown: Shown, trial: Trial) -> SystemResult:

@@ -44,6 +44,7 @@ def trial_record(trial: Trial) -> dict[str, Any]:
         "protocol": asdict(trial.protocol),
         "points": trial.points,
         "seed": trial.seed,
+        "align": trial.align,
         "cycles": trial.cycles,
         "one view": trial.one_view,
         "lpips": trial.perceptual is not None,

@@ -32,6 +32,8 @@ class Trial:
     """On each surface."""
     alignment: AlignmentConfig = AlignmentConfig()
     """Of shapes whose frame is unknown."""
+    align: bool = True
+    """Compare shapes whose frame is known after the paper's alignment as well; it takes longer than all else."""
     cycles: bool = True
     """Render the assets under both lights. Without, lit colour and relighting have no scores."""
     one_view: bool = True
