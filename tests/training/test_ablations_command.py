@@ -108,6 +108,15 @@ def test_the_tables_say_what_was_measured(command, ball_data, capsys):
     assert {ALBEDO.system(name) for name in ALBEDO.rows} <= record["objects"][0]["systems"].keys()
 
 
+def test_fits_are_compared_by_their_own_validation_where_nothing_is_measured(command, ball_data, capsys):
+    assert main([*command, "--limit", "0", "--networks", "georm"]) == 0
+    text = (ball_data / "out" / "georm.md").read_text()
+    found = rows(text)
+    assert found["GeoRM"] == ["held out: iou"] and found["*no network*"] == ["1.000"]
+    assert found[SHAPE.rows[WHOLE]] == ["1.200"] and "Nothing else was measured" in text
+    assert not (ball_data / "out" / "instant_albedo.md").exists()
+
+
 def test_a_fit_that_leaves_no_weights_is_an_error(command, monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(SHAPE.stage, "run", lambda args: 0)
     assert main(command) == 1

@@ -27,6 +27,7 @@ from .measure import BLEND, HULL, OURS, ObjectResult, measure
 from .objects import EvaluationObject
 from .output import write_tables
 from .protocol import Protocol
+from .report_text import without_empty
 from .results import fill_block, markdown_table, paragraphs, write_text
 from .resume import kept_results
 from .trial import Trial
@@ -122,7 +123,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--data", type=Path, help="folder with manifest.json; ARM_DATA by default")
     parser.add_argument("--split", default="eval", choices=("train", "eval"), help="whose objects are measured")
     parser.add_argument("--set", nargs="*", default=["pbr"], help="their sets")
-    parser.add_argument("--limit", type=int, help="only so many of them, the same in every run")
+    parser.add_argument("--limit", type=int, help="only so many, the same in every run; 0 fits alone")
     parser.add_argument("--steps", type=int, default=200, help="of every fit of InstantAlbedo")
     parser.add_argument("--georm-steps", type=int, default=100, help="of every fit of GeoRM")
     parser.add_argument("--truth", type=Path, default=Path("out/evaluation-truth"), help="rendered truth, kept")
@@ -222,10 +223,10 @@ def table(study: Study, fits: dict[str, Settings], results: Sequence[ObjectResul
     for system, row, held_out in systems:
         numbers = [held_out, *(mean(results, (), system, read) for read in study.readers.values())]
         pairs = [(first(result.systems[system]), first(result.systems[whole])) for result in results]
-        better = "-" if system == whole else f"{sum(a > b for a, b in pairs)} of {len(pairs)}"
+        better = "-" if system == whole or not pairs else f"{sum(a > b for a, b in pairs)} of {len(pairs)}"
         rows.append([row, *("-" if x is None else f"{x:.{study.digits}f}" for x in numbers), better])
     header = [study.title, f"held out: {study.validated}", *study.readers, f"better {title} than with all parts"]
-    return markdown_table(header, rows)
+    return markdown_table(*without_empty(header, rows))
 
 
 def setting_text(study: Study, steps: int, results: Sequence[ObjectResult], args: argparse.Namespace) -> str:
@@ -240,8 +241,10 @@ def setting_text(study: Study, steps: int, results: Sequence[ObjectResult], args
         samples = shards.rigs(args.shards)
         objects, held_out = len({rig.parent for rig in samples}), "about one in 32"
         text = f"{steps} steps of two objects each; {len(samples)} rigs"
+    text = f"{study.title}: {text} of {objects} objects, of which {held_out} only validates."
+    if not results:
+        return f"{text} Nothing else was measured."
+    views = f"{PROTOCOL.views} views of {PROTOCOL.resolution}²"
     return (
-        f"{study.title}: {text} of {objects} objects, of which {held_out} only validates. Measured on {len(results)} "
-        f"objects of {', '.join(args.set)}, {PROTOCOL.views} views of {PROTOCOL.resolution}²; PSNR in dB inside of the "
-        "object."
+        f"{text} Measured on {len(results)} objects of {', '.join(args.set)}, {views}; PSNR in dB inside of the object."
     )

@@ -24,7 +24,7 @@ def means_table(results: Sequence[ObjectResult], kind: str) -> str:
     for system in dict.fromkeys(name for result in results for name in result.systems):
         numbers = [mean(results, (kind,), system, read) for read in _readers()]
         rows.append([system, *(_digits(value, column) for column, value in zip(header[1:], numbers, strict=True))])
-    return markdown_table(*_without_empty(header, rows))
+    return markdown_table(*without_empty(header, rows))
 
 
 def objects_table(results: Sequence[ObjectResult]) -> str:
@@ -44,7 +44,7 @@ def objects_table(results: Sequence[ObjectResult]) -> str:
         row.append(_digits(blend.maps["albedo"].psnr_in if blend else None, "in"))
         row.append(_digits(one.geometry.f_coarse if one else None, "F"))
         rows.append([*row, _digits(sum(result.seconds.values()) or None, "in")])
-    return markdown_table(*_without_empty(header, rows))
+    return markdown_table(*without_empty(header, rows))
 
 
 def verdicts(results: Sequence[ObjectResult]) -> str:
@@ -118,7 +118,7 @@ def _digits(value: float | None, column: str) -> str:
     return f"{value:.1f}" if column.endswith(("in", "full")) else f"{value:.3f}"
 
 
-def _without_empty(header: list[str], rows: list[list[str]]) -> tuple[list[str], list[list[str]]]:
+def without_empty(header: list[str], rows: list[list[str]]) -> tuple[list[str], list[list[str]]]:
     """The table without columns that nobody has a number for."""
     kept = [column for column in range(len(header)) if any(row[column] != "-" for row in rows)]
     return [header[k] for k in kept], [[row[k] for k in kept] for row in rows]
