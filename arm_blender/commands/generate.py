@@ -187,7 +187,6 @@ def settings_of(args: argparse.Namespace) -> Settings:
         UsageError: a value is out of range, or the folder of weights has none.
     """
     from ..config import Settings
-    from ..networks import NETWORKS
 
     names = "preset quality texture_size faces grid dense seed device threads blend precision random_weights normal_map"
     values = {name: getattr(args, name) for name in names.split()}
@@ -197,8 +196,8 @@ def settings_of(args: argparse.Namespace) -> Settings:
         settings = Settings(**values, weights_folder=args.weights)
     except ArmError as error:
         raise UsageError(str(error)) from error
-    if args.weights is not None and not any(map(settings.brings, NETWORKS)):
-        names = ", ".join(settings.weights(network).name for network in NETWORKS)
+    if args.weights is not None and not any(map(settings.brings, settings.networks)):
+        names = ", ".join(settings.weights(network).name for network in settings.networks)
         raise UsageError(f"--weights {args.weights}: holds none of {names}; name the trained files so")
     return settings
 
