@@ -23,8 +23,9 @@ BlendName = Literal["robust", "weighted", "sharpest"]
 _NETWORKS = ("georm", "glossyrm", "instant_albedo", "ray_occupancy")
 """The fields of `Preset` that configure a network."""
 
-FEW_VIEWS = 1
-"""Views up to which a preset's `ray_occupancy` makes the shape."""
+FEW_VIEWS = 2
+"""Views up to which a preset's `ray_occupancy` makes the shape. On held-out objects F@0.1 is 0.70 from one view, and
+0.69 to 0.83 from two, as they stand; GeoRM has 0.52, and 0.61 to 0.77. From three it has as much, 0.81."""
 
 
 @dataclass(frozen=True)
