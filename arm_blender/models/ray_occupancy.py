@@ -20,7 +20,7 @@ from ..progress import Progress, silent
 from .reconstruction import NetworkViews
 from .silhouette_fill import filled
 from .unet import Unet, UnetConfig
-from .visual_hull import VOTE_OUTSIDE, Outlines
+from .visual_hull import NEAREST, VOTE_OUTSIDE, Outlines
 
 LOCAL, WHOLE = 12, 9
 """Numbers that the network is given of a pixel: colour 3, coverage, distance to the outline 2, place 2, and where its
@@ -77,7 +77,7 @@ class Frustum:
     def of(cls, eye: Tensor) -> "Frustum":
         """That of cameras at `eye` (N, 3), filled by a ball of radius `BALL` around the origin."""
         rotation = torch.stack([look_at(one)[:3, :3] for one in eye.cpu()]).to(eye)
-        distance = eye.norm(dim=1)
+        distance = eye.norm(dim=1).clamp(min=NEAREST)
         # From within the ball nothing frames it; cameras stand outside of the box.
         away = distance.clamp(min=1.1 * BALL)
         return cls(rotation, eye, distance, BALL * distance / (away.square() - BALL**2).sqrt())
