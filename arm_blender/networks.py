@@ -1,10 +1,10 @@
-"""The three networks of a run: found, given their weights, and kept for the next item of a batch or dropped after use.
+"""The networks of a run: found, given their weights, and kept for the next item of a batch or dropped after use.
 
 A network is built without memory (on the meta device) and takes over the tensors of its file, which are mapped, not
 read: nothing is there twice. Large ones are not kept, so that a run's peak is its largest network, not their sum.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from .models.georm import GeoRM
 from .models.glossyrm import GlossyRM
 from .models.instant_albedo import InstantAlbedo, InstantAlbedoConfig
 from .models.random_weights import random_state
+from .models.ray_occupancy import RayOccupancy, RayOccupancyConfig
 from .models.reconstruction import ReconstructionConfig
 from .precision import chosen, running_in
 from .report import Report
@@ -28,6 +29,7 @@ NETWORKS: dict[str, tuple[type[nn.Module], type]] = {
     "georm": (GeoRM, ReconstructionConfig),
     "glossyrm": (GlossyRM, ReconstructionConfig),
     "instant_albedo": (InstantAlbedo, InstantAlbedoConfig),
+    "ray_occupancy": (RayOccupancy, RayOccupancyConfig),
 }
 """Each network and the config that its checkpoint carries."""
 
@@ -35,13 +37,19 @@ LARGE = 2**25
 """Parameters from which on a network is read anew for each item of a batch, and may run in bfloat16. The largest of
 `small` has 3 million, the smallest of `paper` 120 million."""
 
-_KEPT_AT_MOST = 3
+_KEPT_AT_MOST = 4
 
 _kept: dict[tuple[str, Path, int, str], nn.Module] = {}
 
 
-def check_weights(settings: Settings, report: Report, given_shape: bool = False) -> None:
-    """That every file that the run is going to need is there, and under which licence; a given shape needs no GeoRM.
+def needed(settings: Settings, views: int, given_shape: bool = False) -> tuple[str, ...]:
+    """Names of the networks that a run from so many views is going to need; a given shape needs none to be made."""
+    shape = () if given_shape else (PRESETS[settings.preset].shape_network(views),)
+    return (*shape, "glossyrm", "instant_albedo")
+
+
+def check_weights(settings: Settings, report: Report, names: Iterable[str]) -> None:
+    """That the files of the networks of those names are there, and under which licence.
 
     Raises:
         CheckpointError: one is missing or none of ours, or as `check_folder`.
@@ -50,11 +58,10 @@ def check_weights(settings: Settings, report: Report, given_shape: bool = False)
         return
     check_folder(settings)
     known = {weights.name: weights.licence for weights in checkpoints.REGISTRY}
-    for name in NETWORKS:
-        if name != "georm" or not given_shape:
-            header = checkpoints.read_header(settings.weights(name))
-            licence = header.get("licence") or known.get(header["name"], "your own")
-            report.weights[header["name"]] = "your own" if settings.brings(name) else licence
+    for name in names:
+        header = checkpoints.read_header(settings.weights(name))
+        licence = header.get("licence") or known.get(header["name"], "your own")
+        report.weights[header["name"]] = "your own" if settings.brings(name) else licence
 
 
 def check_folder(settings: Settings) -> None:
@@ -64,9 +71,9 @@ def check_folder(settings: Settings) -> None:
         CheckpointError: it is none, or holds nothing of the right names; what ships would be taken in silence.
     """
     folder = settings.weights_folder
-    if folder is None or any(map(settings.brings, NETWORKS)):
+    if folder is None or any(map(settings.brings, settings.networks)):
         return
-    names = ", ".join(settings.weights(network).name for network in NETWORKS)
+    names = ", ".join(settings.weights(network).name for network in settings.networks)
     if not folder.is_dir():
         raise CheckpointError(f"{folder}: no such folder; name one that holds {names}, or some of them")
     raise CheckpointError(f"{folder}: holds none of {names}; name the trained files so")
@@ -76,7 +83,7 @@ def load(name: str, settings: Settings) -> nn.Module:
     """A network with its weights, ready to run; the caller holds the only reference to a large one.
 
     Args:
-        name: "georm", "glossyrm" or "instant_albedo".
+        name: of one of the preset's networks.
         settings: whose preset, device and random weights count.
     Raises:
         CheckpointError: the weights are missing, damaged, or made for another model.

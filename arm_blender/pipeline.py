@@ -18,6 +18,7 @@ from .memory import lower_if_short
 from .models import random_weights
 from .models.georm import GeoRM
 from .models.glossyrm import GlossyRM
+from .models.ray_occupancy import EncodedRays, RayOccupancy
 from .models.reconstruction import EncodedViews, network_views
 from .progress import SHARES, Progress, part, silent
 from .report import Report
@@ -69,7 +70,8 @@ def generate(
     """
     given = mesh is not None
     report = report or Report(settings.preset, settings.device, settings.seed)
-    networks.check_weights(settings, report, given)  # What is missing is said before the work.
+    # What is missing is said before the work.
+    networks.check_weights(settings, report, networks.needed(settings, len(views.chosen().cameras), given))
     with _running(settings), torch.inference_mode():
         with lower_if_short("the views", "give fewer or smaller ones"):
             chosen = views.chosen()
@@ -127,18 +129,25 @@ def _surface(views: ViewSet, settings: Settings, report: Report, progress: Progr
 
 
 def density(views: ViewSet, settings: Settings, report: Report, progress: Progress = silent) -> Density:
-    """GeoRM's logits, raised until they fill the silhouettes of normalised `views`; the surface is where they are 0."""
-    network, encoded = _encoded("georm", views, settings, report, progress)
+    """Logits raised until they fill the silhouettes of normalised `views`; the surface is where they are 0."""
+    name = PRESETS[settings.preset].shape_network(len(views.cameras))
+    if name != "georm":
+        report.leave_out("GeoRM", "there are too few views to compare: the shape is one that such objects have")
+    network, encoded = _encoded(name, views, settings, report, progress)
     chunk = POINTS_AT_ONCE[settings.device]
     field = network.filled_logit(encoded, chunk, part(progress, 0.6, 1.0))
     return field if settings.random_weights is None else random_weights.dented_ball(field, chunk, settings.device)
 
 
 def _encoded(
-    name: Literal["georm", "glossyrm"], views: ViewSet, settings: Settings, report: Report, progress: Progress
-) -> tuple[GeoRM | GlossyRM, EncodedViews]:
+    name: Literal["georm", "glossyrm", "ray_occupancy"],
+    views: ViewSet,
+    settings: Settings,
+    report: Report,
+    progress: Progress,
+) -> tuple[GeoRM | GlossyRM | RayOccupancy, EncodedViews | EncodedRays]:
     """A reconstruction model, and what it decodes points from; float32 from here on."""
-    title = {"georm": "GeoRM", "glossyrm": "GlossyRM"}[name]
+    title = {"georm": "GeoRM", "glossyrm": "GlossyRM", "ray_occupancy": "Ray occupancy"}[name]
     with lower_if_short(title, "give fewer views, or choose --preset small"):
         progress(0.0, f"{title}: loading")
         network = networks.load(name, settings)

@@ -16,6 +16,7 @@ from arm_blender.models import silhouette_fill
 from arm_blender.models.georm import GeoRM
 from arm_blender.models.glossyrm import GlossyRM
 from arm_blender.models.instant_albedo import InstantAlbedo
+from arm_blender.models.ray_occupancy import RayOccupancy
 from arm_blender.structures import TriangleMesh, ViewSet
 from arm_blender.views import load_views
 
@@ -43,8 +44,9 @@ def with_a_camera_inside(views: ViewSet) -> ViewSet:
     [
         with_a_camera_inside(views_of_a_disc(0.0)),
         views_of_a_disc(1.0).only([0, 0, 0]),
+        views_of_a_disc(0.0, 1),
     ],
-    ids=["black, and a camera inside", "white, and one view three times"],
+    ids=["black, and a camera inside", "white, and one view three times", "one black view"],
 )
 def test_extreme_views_become_an_asset_of_numbers(views, monkeypatch):
     for name, value in (("GRID", 24), ("SIDE", 60), ("STEPS", 33)):  # Coarser: most of the time of such small views.
@@ -65,22 +67,23 @@ def test_a_view_that_shows_nothing_is_named():
         pipeline.generate(replace(views, images=images), QUICK)
 
 
-@pytest.mark.parametrize("network", ["georm", "glossyrm", "instant_albedo"])
+@pytest.mark.parametrize("network", ["georm", "ray_occupancy", "glossyrm", "instant_albedo"])
 def test_weights_that_overflow_are_named(network, monkeypatch):
     def overflowing(encode):
-        return lambda self, views: replace(encode(self, views), planes=torch.full((1, 3, 1, 2, 2), torch.inf))
+        part = "logits" if network == "ray_occupancy" else "planes"
+        return lambda self, views: replace(encode(self, views), **{part: torch.full((1, 3, 1, 2, 2), torch.inf)})
 
-    kind = {"georm": GeoRM, "glossyrm": GlossyRM}.get(network)
+    kind = {"georm": GeoRM, "glossyrm": GlossyRM, "ray_occupancy": RayOccupancy}.get(network)
     if kind:
         monkeypatch.setattr(kind, "encode", overflowing(kind.encode))
     else:
         monkeypatch.setattr(InstantAlbedo, "forward", lambda self, images, texels, seen, base: (base * torch.nan, base))
     mesh = None
-    if network != "georm":  # A mesh of the user's saves the time of making one.
+    if network not in ("georm", "ray_occupancy"):  # A mesh of the user's saves the time of making one.
         ball = trimesh.creation.icosphere(2, 0.6)
         mesh = TriangleMesh(torch.from_numpy(ball.vertices.copy()).float(), torch.from_numpy(ball.faces.copy()))
     with pytest.raises(CheckpointError, match=rf"small\.{network}\.safetensors: overflows on disc; use the weights"):
-        pipeline.generate(views_of_a_disc(0.5), QUICK, mesh=mesh)
+        pipeline.generate(views_of_a_disc(0.5, 1 if network == "ray_occupancy" else 3), QUICK, mesh=mesh)
 
 
 PICTURES = {

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from arm_blender import checkpoints, networks, pipeline
-from arm_blender.config import PRESETS, QUALITIES, Preset, Settings
+from arm_blender.config import FEW_VIEWS, PRESETS, QUALITIES, Preset, Settings
 from arm_blender.errors import ArmError, CheckpointError, OutOfMemory
 from arm_blender.memory import lower_if_short
 from arm_blender.models.ffc import FfcConfig
@@ -58,7 +58,7 @@ def views() -> ViewSet:
 @pytest.fixture
 def files(tmp_path, monkeypatch) -> Path:
     """The tiny networks' weights as files, where the program looks for them."""
-    for name in networks.NETWORKS:
+    for name in TINY.networks:
         module = networks.load(name, TINY)
         checkpoints.save(tmp_path / f"paper.{name}.safetensors", module.state_dict(), module.config, name)
     monkeypatch.setattr(checkpoints.shipped, "__defaults__", (tmp_path,))
@@ -75,7 +75,7 @@ def test_random_weights_make_a_whole_asset_that_says_so(views):
 
 
 def test_weights_from_files_are_those_that_were_saved(files):
-    for name in networks.NETWORKS:
+    for name in TINY.networks:
         drawn, loaded = networks.load(name, TINY), networks.load(name, Settings(preset="paper"))
         assert loaded.state_dict().keys() == drawn.state_dict().keys()
         for (path, tensor), other in zip(loaded.state_dict().items(), drawn.state_dict().values(), strict=True):
@@ -89,12 +89,12 @@ def test_own_weights_are_taken_by_their_names_and_what_they_lack_from_those_that
     trained = networks.load("georm", replace(TINY, random_weights=7))
     checkpoints.save(own / "paper.georm.safetensors", trained.state_dict(), trained.config, "paper.georm")
     settings, plain = Settings(preset="paper", weights_folder=own), Settings(preset="paper")
-    for name in networks.NETWORKS:
+    for name in settings.networks:
         expected = trained if name == "georm" else networks.load(name, plain)
         for one, other in zip(networks.load(name, settings).parameters(), expected.parameters(), strict=True):
             assert torch.equal(one, other), name
     report = Report("paper", "cpu", 0)
-    networks.check_weights(settings, report)
+    networks.check_weights(settings, report, settings.networks)
     assert report.weights["paper.georm"] == "your own"
 
 
@@ -119,7 +119,7 @@ def test_a_folder_without_weights_of_the_preset_is_not_passed_over(tmp_path, the
         (folder / "paper.georm.safetensors").touch()
     match = "own: holds none of small.georm.safetensors, " if there else "own: no such folder; name one that holds"
     with pytest.raises(CheckpointError, match=match):
-        networks.check_weights(Settings(weights_folder=folder), Report("small", "cpu", 0))
+        networks.check_weights(Settings(weights_folder=folder), Report("small", "cpu", 0), ["georm"])
 
 
 @pytest.mark.parametrize("large", [False, True])
@@ -268,8 +268,19 @@ def test_the_report_names_the_licences_of_what_a_run_needs(monkeypatch, tmp_path
         (True, {"mine.glossyrm": "your own"}),
     ):
         report = Report("instantmesh", "cpu", 0)
-        networks.check_weights(Settings(), report, given)
+        networks.check_weights(Settings(), report, networks.needed(Settings(), 6, given))
         assert report.weights == expected == report.as_dict()["weights"]
+
+
+def test_a_run_needs_the_networks_of_its_number_of_views_and_no_others():
+    material = {"glossyrm", "instant_albedo"}
+    for count in range(1, 17):
+        shape = "ray_occupancy" if count <= FEW_VIEWS else "georm"
+        assert set(networks.needed(Settings(), count)) == material | {shape}
+        assert set(networks.needed(Settings(preset="paper"), count)) == material | {"georm"}
+        assert set(networks.needed(Settings(preset="instantmesh"), count)) == material | {"georm"}
+        assert set(networks.needed(Settings(), count, given_shape=True)) == material
+    assert set(networks.NETWORKS) == set(Settings().networks)
 
 
 def test_networks_are_built_without_memory_and_without_the_compiler():
@@ -278,10 +289,11 @@ import sys
 from arm_blender.config import PRESETS
 from arm_blender.models.georm import GeoRM
 from arm_blender.models.instant_albedo import InstantAlbedo
+from arm_blender.models.ray_occupancy import RayOccupancy, RayOccupancyConfig
 from arm_blender.unallocated import unallocated
 for preset in PRESETS.values():
     with unallocated():
-        networks = GeoRM(preset.georm), InstantAlbedo(preset.instant_albedo)
+        networks = GeoRM(preset.georm), InstantAlbedo(preset.instant_albedo), RayOccupancy(RayOccupancyConfig())
     assert all(value.is_meta for network in networks for value in network.parameters())
 assert "torch._dynamo" not in sys.modules
 """

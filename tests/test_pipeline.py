@@ -104,8 +104,15 @@ def test_a_scene_of_another_scale_gives_the_same_object_there(result, views):
 def test_one_view_is_enough(views):
     single = ViewSet(views.images[:1], views.cameras[:1], torch.ones(1), views.name)
     asset, report = pipeline.generate(single, QUICK)
-    assert covered(asset, single, 0)[0] > 0.8
+    inside, span = covered(asset, single, 0)
+    assert inside > 0.8 and 0.9 < span < 1.1
     assert report.seen_share < 0.7
+    assert "GeoRM" in {note.what for note in report.left_out}
+    assert set(report.weights) == {"small.ray_occupancy", "small.glossyrm", "small.instant_albedo"}
+
+
+def test_where_views_can_be_compared_they_are(result):
+    assert set(result[1].weights) == {"small.georm", "small.glossyrm", "small.instant_albedo"}
 
 
 def cylinder_mesh(x: float = 0.0) -> TriangleMesh:
@@ -146,14 +153,16 @@ def test_weights_that_predict_roughness_and_metallic_need_no_glossyrm(views, tmp
     assert "GlossyRM" in {note.what for note in report.left_out}
 
 
-@pytest.mark.parametrize("missing", ["georm", "glossyrm", "instant_albedo"])
-def test_missing_weights_are_known_before_the_work(views, tmp_path, monkeypatch, missing):
+@pytest.mark.parametrize(
+    "missing, count", [("georm", 6), ("glossyrm", 6), ("instant_albedo", 6), ("ray_occupancy", 1), ("glossyrm", 1)]
+)
+def test_missing_weights_are_known_before_the_work(views, tmp_path, monkeypatch, missing, count):
     real = Settings.weights
     there = {name: real(QUICK, name) for name in networks.NETWORKS} | {missing: tmp_path / "gone.safetensors"}
     monkeypatch.setattr(Settings, "weights", lambda _, name: there[name])
     report = Report("small", "cpu", 0)
     with pytest.raises(CheckpointError, match="gone.safetensors"):
-        pipeline.generate(views, QUICK, report=report)
+        pipeline.generate(views.only([*range(count)]), QUICK, report=report)
     assert report.seconds == {}
 
 
@@ -193,6 +202,18 @@ def test_cancelling_stops_at_the_next_report_of_progress(views, stage):
         "GlossyRM": ["shape", "unwrap", "appearance"],
     }
     assert list(report.seconds) == expected[stage.partition(":")[0]]
+
+
+@pytest.mark.parametrize("stage", ["Ray occupancy: reading the views", "Filling silhouettes"])
+def test_cancelling_stops_with_one_view_as_well(views, stage):
+    def progress(fraction: float, message: str) -> None:
+        if message == stage:
+            raise Cancelled("stopped")
+
+    report = Report("small", "cpu", 0)
+    with pytest.raises(Cancelled):
+        pipeline.generate(views.only([0]), QUICK, progress, report)
+    assert list(report.seconds) == ["shape"]
 
 
 def test_the_callers_threads_and_seed_come_back(views):

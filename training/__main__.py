@@ -36,6 +36,7 @@ STAGES = {
     "georm": ("training.stages.georm_occupancy", "GeoRM, warmed up on occupancy"),
     "georm-volume": ("training.stages.georm_volume", "GeoRM, by rendering its density: the paper's first stage"),
     "georm-surface": ("training.stages.georm_surface", "GeoRM, by rasterising its surface: the paper's second stage"),
+    "ray-occupancy": ("training.stages.ray_occupancy", "where one view's object is, by what objects are like"),
     "glossyrm-points": ("training.stages.glossyrm_points", "GlossyRM, warmed up at surface points"),
     "glossyrm": ("training.stages.glossyrm", "GlossyRM, on the surface that GeoRM finds: the paper's way"),
     "material-prior": ("training.stages.material_prior", "InstantAlbedo's encoder, on materials that are known"),

@@ -5,6 +5,8 @@ need no special care. Without `torchrun` everything here stands aside.
 """
 
 import os
+import struct
+import zlib
 from collections.abc import Iterable
 
 import torch
@@ -51,7 +53,12 @@ def device(name: str) -> torch.device:
 
 def step_seed(seed: int, step: int) -> int:
     """Of what a step draws: its own in each process, and the same in a resumed run as in an unbroken one."""
-    return (seed << 48) + (rank() << 32) + step
+    return _mixed(seed, rank(), step)
+
+
+def _mixed(*numbers: int) -> int:
+    # Torch's generator on the CPU takes 32 bits, and drops those above without a word.
+    return zlib.crc32(struct.pack(f"<{len(numbers)}q", *numbers))
 
 
 def generator(seed: int, step: int) -> torch.Generator:
@@ -59,7 +66,7 @@ def generator(seed: int, step: int) -> torch.Generator:
     return torch.Generator().manual_seed(step_seed(seed, step))
 
 
-_ORDER = 0xFFFF << 32
+_ORDER = -1
 """No process has this number: what orders the samples is drawn apart from what the steps draw."""
 
 
@@ -76,7 +83,7 @@ def share(count: int, seed: int, step: int, batch: int) -> list[int]:
     chosen = []
     for place in range(first, first + batch):
         epoch, index = divmod(place, count)
-        order = torch.randperm(count, generator=torch.Generator().manual_seed((seed << 48) + _ORDER + epoch))
+        order = torch.randperm(count, generator=torch.Generator().manual_seed(_mixed(seed, _ORDER, epoch)))
         chosen.append(int(order[index]))
     return chosen
 

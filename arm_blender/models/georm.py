@@ -7,9 +7,8 @@ import torch
 from torch import Tensor, nn
 
 from ..progress import Progress, silent
-from .feature_volume import sample_volume
 from .reconstruction import EncodedViews, NetworkViews, ReconstructionConfig, ReconstructionModel
-from .silhouette_fill import CARVED, fill
+from .silhouette_fill import filled
 from .visual_hull import hull_vote
 
 ISO_DENSITY = 10.0
@@ -57,8 +56,7 @@ class GeoRM(nn.Module):
 
         if encoded.views is None:
             return plain
-        carved = -CARVED + fill(lambda points: plain(points) - CARVED, encoded.views.outlines, chunk, progress)
-        return lambda points: plain(points) + sample_volume(carved, points[None])[0, :, 0]
+        return filled(plain, encoded.views.outlines, chunk, progress)
 
     def coarse_logit(self, encoded: EncodedViews, points: Tensor) -> Tensor:
         """As `occupancy_logit`, by the feature volumes alone."""

@@ -4,7 +4,7 @@
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, Protocol
 
 import torch
 from torch import Tensor, nn
@@ -42,6 +42,11 @@ class ReconstructionConfig:
     def __post_init__(self) -> None:
         if self.pixel_aligned and self.front != "-y":
             raise ValueError(f"front {self.front}: pixel-aligned features live in the world's frame, give -y")
+
+    @property
+    def image_size(self) -> int:
+        """Pixels a side of the images."""
+        return self.encoder.image_size
 
 
 PAPER = ReconstructionConfig()
@@ -89,11 +94,24 @@ class NetworkViews:
     K: Tensor
 
 
-def network_views(views: ViewSet, config: ReconstructionConfig, silhouette_size: int = 320) -> NetworkViews:
+class PictureConfig(Protocol):
+    """What of a network's configuration pictures are made by.
+
+    Attributes:
+        image_size: pixels a side of the network's input.
+        background: grey level (sRGB) behind the object.
+    """
+
+    image_size: int
+    background: float
+
+
+def network_views(views: ViewSet, config: PictureConfig, silhouette_size: int = 320) -> NetworkViews:
     """One object's views as the network takes them, B = 1: padded to a square, composited, resized.
 
     Args:
         views: linear, straight alpha, of any size and shape; square pixels.
+        config: of the network.
         silhouette_size: pixels a side of the silhouettes at most; smaller views keep their size.
     """
     images, (c2w, K) = views.images, stack_cameras(views.cameras)
@@ -116,7 +134,7 @@ def network_views(views: ViewSet, config: ReconstructionConfig, silhouette_size:
             )
         )
 
-    size = config.encoder.image_size
+    size = config.image_size
     fine = min(side, silhouette_size)
     coverage = resize(alpha, fine)
     silhouette = torch.cat([coverage, signed_silhouette_distance(coverage[:, 0]).unsqueeze(1)], dim=1)

@@ -43,6 +43,23 @@ EMPTY = -20.0
 """The logit of what lies outside of the visual hull by more than a cell."""
 
 
+def filled(
+    logit: Callable[[Tensor], Tensor],
+    outlines: Outlines,
+    chunk: int,
+    progress: Progress = silent,
+    carved: float = CARVED,
+) -> Callable[[Tensor], Tensor]:
+    """The field (P, 3) -> (P,) of one object, carved and then raised until it fills the silhouettes.
+
+    Args:
+        logit, outlines, chunk, progress: as of `fill`.
+        carved: logits taken from the field before.
+    """
+    added = -carved + fill(lambda points: logit(points) - carved, outlines, chunk, progress)
+    return lambda points: logit(points) + sample_volume(added, points[None])[0, :, 0]
+
+
 def fill(logit: Callable[[Tensor], Tensor], outlines: Outlines, chunk: int, progress: Progress = silent) -> Tensor:
     """(1, 1, GRID, GRID, GRID) logits to add to a field, indexed z, y, x, so that it fills the silhouettes.
 

@@ -72,7 +72,7 @@ def test_missing_weights_are_one_line(picture, tmp_path, capsys, monkeypatch):
 
     monkeypatch.setattr(checkpoints.shipped, "__defaults__", (tmp_path / "weights",))
     assert run("generate", picture, "--output", tmp_path / "out") == 1
-    assert "small.georm" in only_line(capsys.readouterr().err)
+    assert "small.ray_occupancy" in only_line(capsys.readouterr().err)
     assert not (tmp_path / "out").exists()
 
 

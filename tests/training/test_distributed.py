@@ -1,5 +1,6 @@
 """Two processes with half of the samples each take the step that one process takes with all of them."""
 
+import itertools
 import os
 import socket
 import subprocess
@@ -92,6 +93,18 @@ def test_all_processes_together_take_each_sample_once_before_any_comes_again(mon
     turns = [taken[first : first + count] for first in range(0, len(taken) - count + 1, count)]
     assert all(sorted(turn) == list(range(count)) for turn in turns)
     assert len({tuple(turn) for turn in turns}) > 1  # Each time in another order.
+
+
+def test_seeds_processes_and_steps_draw_apart_and_each_the_same_again(monkeypatch):
+    drawn = []
+    for _ in range(2):
+        for process in range(3):
+            monkeypatch.setenv("RANK", str(process))
+            for seed, step in itertools.product(range(3), range(3)):
+                drawn.append(tuple(torch.rand(4, generator=distributed.generator(seed, step)).tolist()))
+    assert drawn[:27] == drawn[27:] and len(set(drawn)) == 27
+    orders = {tuple(distributed.share(50, seed, 0, 50)) for seed in range(3)}
+    assert len(orders) == 3
 
 
 def test_a_device_that_is_not_there_is_one_line():

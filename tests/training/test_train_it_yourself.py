@@ -23,7 +23,6 @@ from arm_blender import checkpoints
 from arm_blender.__main__ import parser as arm_parser
 from arm_blender.config import Settings
 from arm_blender.models.reconstruction import ReconstructionConfig
-from arm_blender.networks import NETWORKS
 from training.datasets.point_samples import is_held_out
 
 ROOT = Path(command.__file__).parents[1]
@@ -83,7 +82,7 @@ def test_every_command_is_known_and_reads_what_an_earlier_one_wrote(understood, 
                     assert path in written, f"{shlex.join(words)}: nothing has written {path}"
             if args.get("weights"):
                 made = {path for path in written if path.parent == args["weights"]}
-                assert {path.name for path in made} == {Settings().weights(name).name for name in NETWORKS}
+                assert {path.name for path in made} == {Settings().weights(name).name for name in Settings().networks}
             if "output" in args and kind != "kill":
                 written.add(args["output"])
 

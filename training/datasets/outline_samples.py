@@ -7,7 +7,7 @@ surface has the colour of the nearest point that some picture of the object show
 
 import logging
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -57,11 +57,13 @@ class Solid:
     """An object, its points inside and outside, and its colours.
 
     Attributes:
+        name: its id.
         mesh: its surface.
         points, distance: (P, 3) and (P,) as in occupancy.npz.
         clouds: of each rendered rig, surface points (C, 3) float32 and sRGB colours (C, 3) uint8, as that rig is lit.
     """
 
+    name: str
     mesh: TriangleMesh
     points: Tensor
     distance: Tensor
@@ -81,30 +83,32 @@ class OutlineBatch:
     distance: Tensor
 
 
-def load_solids(folder: Path) -> list[Solid]:
-    """The training objects of a folder of shards.
+def load_solids(folder: Path, held_out: bool = False, cloud: int = CLOUD) -> list[Solid]:
+    """The training objects of a folder of shards, or those that only validate.
 
+    Args:
+        cloud: coloured points kept of a rendered rig.
     Raises:
         ArmError: there are none.
     """
     solids = []
     for path in shards.meshes(folder):
-        if is_held_out(path) or not path.with_name("occupancy.npz").exists():
+        if is_held_out(path) != held_out or not path.with_name("occupancy.npz").exists():
             continue
         mesh = shards.read_mesh(path)
         with np.load(path.with_name("occupancy.npz")) as file:
             points, distance = torch.from_numpy(file["points"]), torch.from_numpy(file["distance"])
         rigs = shards.rigs_of(path.parent)
         if len(mesh.faces) <= MOST_FACES and int((distance > 0).sum()) > 100 and rigs:
-            clouds = tuple(_cloud(rig) for rig in rigs)
-            solids.append(Solid(mesh, points, distance, clouds))
+            clouds = tuple(_cloud(rig, cloud) for rig in rigs)
+            solids.append(Solid(path.parent.name, mesh, points, distance, clouds))
     logger.info("%d solids", len(solids))
     if not solids:
         raise shards.nothing_prepared(folder)
     return solids
 
 
-def _cloud(path: Path) -> tuple[np.ndarray, np.ndarray]:
+def _cloud(path: Path, count: int) -> tuple[np.ndarray, np.ndarray]:
     """What all pictures of a rig show, as points (C, 3) and colours (C, 3)."""
     arrays = shards.arrays(path, "rgba", "depth", "c2w", "K")
     points, colors = [], []
@@ -115,7 +119,7 @@ def _cloud(path: Path) -> tuple[np.ndarray, np.ndarray]:
         points.append(unproject(pixels, torch.from_numpy(depth[row, column].astype(np.float32)), camera).numpy())
         colors.append(rgba[row, column, :3])
     points, colors = np.concatenate(points), np.concatenate(colors)
-    kept = np.random.default_rng(0).permutation(len(points))[:CLOUD]
+    kept = np.random.default_rng(0).permutation(len(points))[:count]
     return points[kept], colors[kept]
 
 
@@ -140,13 +144,8 @@ def _uniform(low: float, high: float, generator: torch.Generator) -> float:
 
 
 def _moved(solid: Solid, generator: torch.Generator) -> Solid:
-    """Stretched along its axes, turned, and scaled into the box.
-
-    Distances scale by the geometric mean of the stretch: their signs are exact, their sizes are not.
-    """
-    stretch = torch.ones(3)
-    if _uniform(0.0, 1.0, generator) < 0.8:
-        stretch = ((torch.rand(3, generator=generator) * 2.0 - 1.0) * STRETCH).exp()
+    """Stretched along its axes, turned, and scaled into the box."""
+    stretch = random_stretch(generator)
     if _uniform(0.0, 1.0, generator) < 0.15:
         rotation = torch.linalg.qr(torch.randn(3, 3, generator=generator))[0]
     else:
@@ -156,16 +155,30 @@ def _moved(solid: Solid, generator: torch.Generator) -> Solid:
         rotation = rotation_z(angle)
     if _uniform(0.0, 1.0, generator) < 0.5:
         rotation = rotation @ torch.diag(torch.tensor([-1.0, 1.0, 1.0]))
-    linear = rotation * stretch
+    return deformed(solid, rotation * stretch, _uniform(1.6, 2.0, generator))
+
+
+def random_stretch(generator: torch.Generator) -> Tensor:
+    """(3,) factors along the axes; in a fifth of the draws they are 1."""
+    if _uniform(0.0, 1.0, generator) < 0.8:
+        return ((torch.rand(3, generator=generator) * 2.0 - 1.0) * STRETCH).exp()
+    return torch.ones(3)
+
+
+def deformed(solid: Solid, linear: Tensor, longest: float) -> Solid:
+    """A solid after a linear map (3, 3), centred, and scaled so that its longest side is `longest`.
+
+    Distances scale by the mean of the map's stretch: their signs are exact, their sizes are not.
+    """
     vertices = solid.mesh.vertices @ linear.T
     low, high = vertices.amin(0), vertices.amax(0)
-    scale = _uniform(1.6, 2.0, generator) / float((high - low).amax())
+    scale = longest / float((high - low).amax())
     center = 0.5 * (low + high)
     points = (solid.points.float() @ linear.T - center) * scale
-    distance = solid.distance.float() * (scale * float(stretch.prod()) ** (1.0 / 3.0))
+    distance = solid.distance.float() * (scale * float(torch.linalg.det(linear).abs()) ** (1.0 / 3.0))
     kept = points.abs().amax(dim=1) <= 1.0
     mesh = TriangleMesh((vertices - center) * scale, solid.mesh.faces)
-    return Solid(mesh, points[kept], distance[kept], solid.clouds)
+    return replace(solid, mesh=mesh, points=points[kept], distance=distance[kept])
 
 
 def _rig(size: int, generator: torch.Generator) -> list[Camera]:
@@ -189,30 +202,40 @@ def _seen(solid: Solid, moved: Solid, size: int, points: int, generator: torch.G
     silhouette = torch.stack([coverage, signed_silhouette_distance(coverage)], dim=1)
     c2w, K = stack_cameras(cameras)
     chosen = torch.randint(len(moved.points), (points,), generator=generator)
+    shown = tinted(pictures(solid, fragments, COLORED, generator), generator)
     return OutlineBatch(
         Outlines(silhouette[None], c2w[None], K[None]),
-        _colors(solid, fragments, generator)[None],
+        object_colors(shown, 0.0, COLORED)[None],
         moved.points[chosen][None],
         moved.distance[chosen][None],
     )
 
 
-def _colors(solid: Solid, fragments: Fragments, generator: torch.Generator) -> Tensor:
-    """(V, 4, h, w) as in `ViewFeatures`: what pixels show of `solid`, under one of the lights it was rendered in."""
-    step = fragments.face_id.shape[-1] // COLORED
+def pictures(solid: Solid, fragments: Fragments, side: int, generator: torch.Generator) -> Tensor:
+    """(V, 4, side, side) sRGB on black, and coverage: `solid` as fragments show it, under one of its rigs' lights.
+
+    Args:
+        solid: as it was before it was deformed into what is shown.
+        side: pixels a side, of which those of the fragments are a multiple.
+    """
+    step = fragments.face_id.shape[-1] // side
     middle = slice(step // 2, None, step)
     face_id, barycentric = fragments.face_id[:, middle, middle], fragments.barycentric[:, :, middle, middle]
     view, row, column = (face_id >= 0).nonzero(as_tuple=True)
     corner = solid.mesh.vertices[solid.mesh.faces[face_id[view, row, column]]]  # (P, 3, 3)
     place = (barycentric[view, :, row, column][..., None] * corner).sum(dim=1)
     positions, shown = solid.clouds[int(torch.randint(len(solid.clouds), (), generator=generator))]
-    image = torch.zeros(len(face_id), 4, COLORED, COLORED)
+    image = torch.zeros(len(face_id), 4, side, side)
     if len(positions) and len(place):
         nearest = cKDTree(positions, balanced_tree=False, compact_nodes=False).query(place.numpy())[1]
         color = torch.from_numpy(shown[nearest]).float() / 255.0
-        # Of another exposure and tint, and the channels in another order; views differ a little.
-        gain = torch.empty(3).uniform_(0.6, 1.3, generator=generator)
-        gain = gain * torch.empty(len(face_id), 1).uniform_(0.95, 1.05, generator=generator)
-        color = (color[:, torch.randperm(3, generator=generator)] * gain[view]).clamp(max=1.0)
         image[view, :, row, column] = torch.cat([color, torch.ones(len(color), 1)], dim=1)
-    return object_colors(image, 0.0, COLORED)
+    return image
+
+
+def tinted(images: Tensor, generator: torch.Generator) -> Tensor:
+    """Pictures (V, 4, h, w) of another exposure and tint, and the channels in another order; views differ a little."""
+    gain = torch.empty(3).uniform_(0.6, 1.3, generator=generator)
+    gain = gain * torch.empty(len(images), 1).uniform_(0.95, 1.05, generator=generator)
+    color = (images[:, torch.randperm(3, generator=generator)] * gain[..., None, None]).clamp(max=1.0)
+    return torch.cat([color, images[:, 3:]], dim=1)

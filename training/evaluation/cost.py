@@ -12,7 +12,7 @@ from arm_blender.errors import ArmError
 from arm_blender.views import load_views
 
 from .bars import Cost
-from .trial import NETWORKS, Trial
+from .trial import Trial
 
 logger = logging.getLogger(__name__)
 
@@ -26,7 +26,7 @@ def measured_cost(views: Path, trial: Trial) -> Cost:
         views: folder of its six views.
     """
     settings = trial.settings
-    size = sum(settings.weights(name).stat().st_size for name in NETWORKS)
+    size = sum(settings.weights(name).stat().st_size for name in settings.networks)
     return Cost(_cold(views, trial), _warm(views, trial), size / 2**20)
 
 

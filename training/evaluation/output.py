@@ -13,7 +13,7 @@ from .bars import Cost, bars_table
 from .measure import ObjectResult
 from .report_text import as_json, finite, means_table, objects_table, verdicts
 from .results import paragraphs, write_text
-from .trial import NETWORKS, Trial
+from .trial import Trial
 
 RESULTS = "results.json"
 
@@ -36,7 +36,7 @@ def trial_record(trial: Trial) -> dict[str, Any]:
 
     def described(settings: Settings) -> dict[str, Any]:
         values = {name: value for name, value in asdict(settings).items() if name != "weights_folder"}
-        return values | {"weights": {name: sha256(settings.weights(name)) for name in NETWORKS}}
+        return values | {"weights": {name: sha256(settings.weights(name)) for name in settings.networks}}
 
     return {
         "settings": described(trial.settings),

@@ -12,6 +12,7 @@ from arm_blender.config import PRESETS
 from arm_blender.models.georm import GeoRM
 from arm_blender.models.glossyrm import GlossyRM
 from arm_blender.models.instant_albedo import InstantAlbedo
+from arm_blender.models.ray_occupancy import RayOccupancy
 from arm_blender.unallocated import unallocated
 
 from .results import fill_block, markdown_table
@@ -53,7 +54,11 @@ def network_parameters(preset: str) -> dict[str, int]:
     counts |= {f"GeoRM, {part}": _count(module) for part, module in geometry.model.named_children()}
     counts["**GlossyRM** (the parts of GeoRM)"] = _count(glossy)
     counts["**InstantAlbedo**"] = _count(colours)
-    return counts | {f"InstantAlbedo, {part}": _count(module) for part, module in colours.named_children()}
+    counts |= {f"InstantAlbedo, {part}": _count(module) for part, module in colours.named_children()}
+    if configs.ray_occupancy:
+        with unallocated():
+            counts["**RayOccupancy**"] = _count(RayOccupancy(configs.ray_occupancy))
+    return counts
 
 
 def _count(module: nn.Module) -> int:

@@ -14,9 +14,6 @@ from .alignment import AlignmentConfig
 from .geometry import SAMPLES
 from .protocol import Protocol
 
-NETWORKS = ("georm", "glossyrm", "instant_albedo")
-"""Whose weights a trial takes."""
-
 
 @dataclass(frozen=True)
 class Trial:
@@ -83,8 +80,8 @@ def trial_settings(args: argparse.Namespace, weights: Path | None = None) -> Set
     settings = Settings(
         args.preset, args.quality, grid=args.grid, faces=args.faces, device=args.device, weights_folder=folder
     )
-    if folder is not None and not any(map(settings.brings, NETWORKS)):
-        names = ", ".join(Settings(args.preset).weights(name).name for name in NETWORKS)
+    if folder is not None and not any(map(settings.brings, settings.networks)):
+        names = ", ".join(Settings(args.preset).weights(name).name for name in settings.networks)
         raise ArmError(f"{folder}: holds none of {names}; name the trained files so")
     return settings
 
