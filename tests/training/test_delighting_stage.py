@@ -137,7 +137,7 @@ def test_the_loss_falls_and_light_that_was_never_seen_is_divided_out():
         loss.backward()
         optimizer.step()
     after = validate(model, [painted_ball(slanted_light(k), k) for k in range(500, 510)])
-    assert after["colours"] == before["colours"]
+    assert after["blend"] == before["blend"]
     assert after["error"] < 0.75 * before["error"] and after["by light"] < before["by light"]
 
 

@@ -91,23 +91,21 @@ def delighting_loss(model: Delighting, batch: list[DelightingSample]) -> tuple[T
     albedo = torch.cat([sample.albedo for sample in batch])
     found = model(points)
     seen = points.visible.any(dim=1)
-    roots = [_root(x, albedo, seen).mean() for x in (found.albedo, found.even)]
-    return roots[0] + BY_LIGHT_ALONE * roots[1], {
-        "error": float(roots[0].detach()),
-        "by light": float(roots[1].detach()),
-    }
+    error, by_light, blend = (_root(x, albedo, seen).mean() for x in (found.albedo, found.even, points.blended()))
+    numbers = {"error": float(error.detach()), "by light": float(by_light.detach()), "blend": float(blend)}
+    return error + BY_LIGHT_ALONE * by_light, numbers
 
 
 @torch.no_grad()
 def validate(model: Delighting, held_out: list[DelightingSample]) -> dict[str, float]:
-    """Mean root of the squared errors: of the albedo, of that by the light alone, and of the lit colours themselves."""
+    """Mean root of the squared errors: of the albedo, of that by the light alone, and of the views' blend."""
     found = []
     for sample in held_out:
         result, seen = model(sample.points), sample.points.visible.any(dim=1)
         tried = (result.albedo, result.even, sample.points.blended())
         found.append([float(_root(x.clamp(0.0, 1.0), sample.albedo, seen)) for x in tried])
     means = torch.tensor(found).mean(dim=0).tolist() if found else []
-    return dict(zip(("error", "by light", "colours"), means, strict=False))
+    return dict(zip(("error", "by light", "blend"), means, strict=False))
 
 
 def _root(found: Tensor, truth: Tensor, seen: Tensor) -> Tensor:
