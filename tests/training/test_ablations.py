@@ -9,7 +9,7 @@ import torch
 from arm_blender import checkpoints
 from arm_blender.config_json import config_from_dict
 from arm_blender.errors import CheckpointError
-from arm_blender.models import instant_albedo
+from arm_blender.models.atlas_cells import surface_cells
 from arm_blender.models.ffc import FfcConfig, FfcGenerator
 from arm_blender.models.instant_albedo import Ablation, InstantAlbedo, InstantAlbedoConfig
 from arm_blender.models.material_encoder import MaterialEncoderConfig
@@ -122,7 +122,7 @@ def test_views_are_fused_where_they_see(sample, ablation):
     hidden = torch.zeros_like(sample.texels.mask)
     hidden[:, ::2] = True
     seen = replace(sample.seen, visibility=sample.seen.visibility & ~hidden)
-    surface = instant_albedo._surface(sample.texels, sample.texels.mask.shape[-1])
+    surface = surface_cells(sample.texels, sample.texels.mask.shape[-1])
     with torch.no_grad():
         known = model._fuse_views(sample.images, sample.texels, seen, surface)[1]
     assert torch.equal(known[0] > 0.0, seen.visibility.any(dim=0))
