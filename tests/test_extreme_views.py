@@ -77,7 +77,9 @@ def test_weights_that_overflow_are_named(network, monkeypatch):
     if kind:
         monkeypatch.setattr(kind, "encode", overflowing(kind.encode))
     else:
-        monkeypatch.setattr(InstantAlbedo, "forward", lambda self, images, texels, seen, base: (base * torch.nan, base))
+        monkeypatch.setattr(
+            InstantAlbedo, "predict", lambda self, images, texels, seen, base: (base * torch.nan, base, None)
+        )
     mesh = None
     if network not in ("georm", "ray_occupancy"):  # A mesh of the user's saves the time of making one.
         ball = trimesh.creation.icosphere(2, 0.6)
