@@ -9,6 +9,11 @@ from torch import Tensor
 COUNT = 9
 """Of the harmonics."""
 
+_CONSTANT = 0.2820948
+
+WHITE = 1.0 / _CONSTANT
+"""First coefficient of light of radiance 1 from everywhere; its others are 0."""
+
 GATHERED = (1.0, 2.0 / 3.0, 2.0 / 3.0, 2.0 / 3.0, 0.25, 0.25, 0.25, 0.25, 0.25)
 """What a cosine lobe leaves of each, over pi: a white matte surface then sends as much radiance as comes in."""
 
@@ -18,7 +23,7 @@ def harmonics(direction: Tensor) -> Tensor:
     x, y, z = direction.unbind(dim=-1)
     first, second = 0.4886025, 1.0925484
     return torch.stack([
-        torch.full_like(x, 0.2820948), first * y, first * z, first * x, second * x * y, second * y * z,
+        torch.full_like(x, _CONSTANT), first * y, first * z, first * x, second * x * y, second * y * z,
         0.3153916 * (3.0 * z * z - 1.0), second * x * z, 0.5462742 * (x * x - y * y)
     ], dim=-1)  # fmt: skip
 

@@ -15,11 +15,8 @@ from torch.nn import functional as F
 
 from ..graphics.cameras import directions_to
 from ..graphics.color import srgb_from_linear
-from ..graphics.spherical_harmonics import COUNT, gathered
+from ..graphics.spherical_harmonics import COUNT, WHITE, gathered
 from .atlas_cells import DARK, log_gain
-
-WHITE = 1.0 / 0.2820948
-"""First coefficient of light of radiance 1 from everywhere, where learning begins."""
 
 DARKEST = 0.02
 """Least irradiance over pi that a colour is divided by."""
@@ -97,11 +94,13 @@ class Delit:
     """What is left without the light.
 
     Attributes:
+        color: (B, P, 3) linear, the views' blend, from which the light was taken.
         light: (B, 9, 3) coefficients, as of `spherical_harmonics.gathered`.
         even: (B, P, 3) linear albedo by that light alone.
         albedo: (B, P, 3) linear, corrected point by point.
     """
 
+    color: Tensor
     light: Tensor
     even: Tensor
     albedo: Tensor
@@ -142,7 +141,7 @@ class Delighting(nn.Module):
         """
         color = points.blended()
         basis = gathered(points.normal)
-        told = self._told(points, color)
+        told = self._told(points, color, basis)
         few = slice(None) if read is None else read
         tokens = self.tokens + self.guess(_if_white(basis[:, few], color[:, few]))[:, None]
         for reading, blocks in zip(self.readings, self.blocks, strict=True):
@@ -157,18 +156,18 @@ class Delighting(nn.Module):
         even = even.square() / (even + REFLECTED)
         gain = self.correction(self.asking(told, tokens))
         gain = torch.expm1(_MOST * torch.tanh(gain / _MOST))
-        return Delit(light, even, even + (even + DARK) * gain)
+        return Delit(color, light, even, even + (even + DARK) * gain)
 
     def log_gain(self, points: SeenPoints) -> Tensor:
         """(P, 3) logarithm of albedo over the views' blend, as `atlas_cells.scaled` takes it; of one object, B = 1."""
         count = points.position.shape[1]
         read = torch.linspace(0, count - 1, min(count, READ), device=points.position.device).long()
-        found, color = self(points, read), points.blended()
+        found = self(points, read)
         even, albedo = found.even.clamp(0.0, 1.0), found.albedo.clamp(0.0, 1.0)
-        return (log_gain(even, color) + TRUSTED * log_gain(albedo, even))[0]
+        return (log_gain(even, found.color) + TRUSTED * log_gain(albedo, even))[0]
 
-    def _told(self, points: SeenPoints, color: Tensor) -> Tensor:
-        """(B, P, W) what is known of each point."""
+    def _told(self, points: SeenPoints, color: Tensor, basis: Tensor) -> Tensor:
+        """(B, P, W) what is known of each point, of whose normal `basis` (B, P, 9) is what it gathers."""
         towards = points.towards()
         cosine = (towards * points.normal[:, None]).sum(dim=-1, keepdim=True).clamp(min=0.0)
         mirrored = 2.0 * cosine * points.normal[:, None] - towards
@@ -181,7 +180,7 @@ class Delighting(nn.Module):
             said.masked_fill(~visible, -10.0).amax(dim=1),
             count / 3.0,
         ]
-        own = [points.normal, points.position, blended, (color + DARK).log(), gathered(points.normal)]
+        own = [points.normal, points.position, blended, (color + DARK).log(), basis]
         return self.point(torch.cat(own + pooled, dim=-1))
 
 

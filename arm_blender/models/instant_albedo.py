@@ -172,10 +172,12 @@ class InstantAlbedo(nn.Module):
             gain = enlarged(_LOG_GAIN * torch.tanh(predicted / _LOG_GAIN), surface[:1], side)
             # What a view sees is the baked colour; only what no view sees is the network's to say.
             unseen = 1.0 - enlarged(mean((seen.seen & texels.mask)[None].float(), surface[:1]), surface[:1], side)
-            baked, lit = scaled(base, unseen * gain[:3]), scaled(base, gain[:3])
-            if self.delighting is not None:
-                lit = scaled(baked, self._without_light(texels, seen, surface))
-            return scaled(lit, gain[3:]), baked, gloss
+            baked = scaled(base, unseen * gain[:3])
+            if self.delighting is None:
+                plain = scaled(base, gain[:3])
+            else:
+                plain = scaled(baked, self._without_light(texels, seen, surface))
+            return scaled(plain, gain[3:]), baked, gloss
         colors = linear_from_srgb(torch.sigmoid(predicted))
         if resolution != side:
             colors = enlarged(colors, surface[:1], side)

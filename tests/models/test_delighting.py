@@ -6,9 +6,9 @@ import pytest
 import torch
 from torch.nn import functional
 
-from arm_blender.graphics.spherical_harmonics import COUNT, gathered
+from arm_blender.graphics.spherical_harmonics import COUNT, WHITE, gathered
 from arm_blender.models.atlas_cells import scaled
-from arm_blender.models.delighting import DARKEST, REFLECTED, WHITE, Delighting, DelightingConfig, SeenPoints
+from arm_blender.models.delighting import DARKEST, REFLECTED, Delighting, DelightingConfig, SeenPoints
 
 TINY = DelightingConfig(width=16, view_width=8, tokens=4, heads=2, depth=1)
 

@@ -11,8 +11,8 @@ from torch import Tensor
 
 from arm_blender.graphics.color import LUMINANCE
 from arm_blender.graphics.environment import Environment
-from arm_blender.graphics.spherical_harmonics import COUNT, gathered, harmonics
-from arm_blender.models.delighting import REFLECTED, WHITE, SeenPoints
+from arm_blender.graphics.spherical_harmonics import COUNT, WHITE, gathered, harmonics
+from arm_blender.models.delighting import REFLECTED, SeenPoints
 
 from .delighting_samples import DelightingSample
 from .point_samples import rotation_z
@@ -83,9 +83,14 @@ def fitted_light(sample: DelightingSample) -> Tensor:
     return torch.stack(lights, dim=1)
 
 
-def augmented(sample: DelightingSample, count: int, library: Library, random: torch.Generator) -> DelightingSample:
-    """`count` points of an `exposed` sample, turned, perhaps mirrored, relit, repainted, seen by fewer views."""
-    light = fitted_light(sample)
+def augmented(
+    sample: DelightingSample, light: Tensor, count: int, library: Library, random: torch.Generator
+) -> DelightingSample:
+    """`count` points of an `exposed` sample, turned, perhaps mirrored, relit, repainted, seen by fewer views.
+
+    Args:
+        light: the sample's, as of `fitted_light`; it is the same in every step.
+    """
     chosen = torch.randint(sample.albedo.shape[1], (count,), generator=random)
     sample = replace(sample, points=sample.points.only(chosen), albedo=sample.albedo[:, chosen])
     if _draw(random) < REPAINTED:

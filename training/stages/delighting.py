@@ -17,7 +17,7 @@ from arm_blender.graphics.color import srgb_from_linear
 from arm_blender.models.delighting import Delighting, DelightingConfig, SeenPoints
 
 from .. import distributed, options
-from ..datasets.delighting_augmentation import augmented, exposed
+from ..datasets.delighting_augmentation import augmented, exposed, fitted_light
 from ..datasets.delighting_samples import DelightingSample, prepare, samples
 from ..datasets.gloss_samples import Shapes
 from ..datasets.point_samples import is_held_out
@@ -64,6 +64,7 @@ def run(args: argparse.Namespace) -> int:
     held_out = [sample for sample in known if is_held_out(Path(sample.name) / "rig")][:VALIDATED]
     if not training:
         raise ArmError(f"{args.cache}: no samples; give --shards, the folder that `python -m training render` wrote")
+    lights = [fitted_light(sample) for sample in training]
     torch.manual_seed(args.seed)
     model = Delighting(DelightingConfig())
     if args.start:
@@ -75,7 +76,8 @@ def run(args: argparse.Namespace) -> int:
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
         random = distributed.generator(args.seed, index)
         drawn = torch.randint(len(training), (args.batch,), generator=random).tolist()
-        return delighting_loss(model, [augmented(training[k], args.points, library, random) for k in drawn])
+        batch = [augmented(training[k], lights[k], args.points, library, random) for k in drawn]
+        return delighting_loss(model, batch)
 
     averaged = loop.run(step, lambda model: validate(model, held_out))
     if distributed.rank() == 0:
