@@ -7,6 +7,7 @@ from pathlib import Path
 
 from arm_blender.config import PRESETS, QUALITIES, Settings
 from arm_blender.errors import ArmError
+from arm_blender.networks import check_folder
 from arm_blender.views import ViewOptions
 
 from ..losses import Perceptual
@@ -74,15 +75,13 @@ def trial_settings(args: argparse.Namespace, weights: Path | None = None) -> Set
     """The settings that the words ask for; `weights` over those of the words.
 
     Raises:
-        ArmError: a value does not do, or a folder of weights has none of the names.
+        ArmError: a value does not do, or as `networks.check_folder`.
     """
     folder = weights or args.weights
     settings = Settings(
         args.preset, args.quality, grid=args.grid, faces=args.faces, device=args.device, weights_folder=folder
     )
-    if folder is not None and not any(map(settings.brings, settings.networks)):
-        names = ", ".join(Settings(args.preset).weights(name).name for name in settings.networks)
-        raise ArmError(f"{folder}: holds none of {names}; name the trained files so")
+    check_folder(settings)
     return settings
 
 
