@@ -9,6 +9,8 @@ import torch
 from arm_blender.graphics.cameras import Camera, intrinsics_from_fovy, look_at, orbit_camera
 from arm_blender.views.rigs import zero123plus_rig
 
+from .random_numbers import uniform
+
 INPUT_VIEWS, EXTRA_VIEWS = 6, 4
 
 DISTANCES, HEIGHTS, FOVY_DEG = (2.0, 3.5), (-0.75, 1.6), 50.0
@@ -67,10 +69,7 @@ def varied_rig(rng: np.random.Generator, size: int) -> tuple[Camera, ...]:
 
 def random_views(size: int, generator: torch.Generator) -> tuple[Camera, ...]:
     """As `varied_rig`, by a generator of torch, and turned by any angle: what is rasterised anew in every step."""
-
-    def draw(low: float, high: float) -> float:
-        return low + (high - low) * float(torch.rand((), generator=generator))
-
+    draw = partial(uniform, generator)
     framed = partial(_framed, size)
     turn, fill, fovy_deg, loose = draw(0.0, 360.0), draw(0.7, 1.1), draw(18.0, 55.0), draw(0.0, 1.0) > 0.6
     views = []

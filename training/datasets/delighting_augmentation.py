@@ -16,6 +16,7 @@ from arm_blender.models.delighting import REFLECTED, SeenPoints
 
 from .delighting_samples import DelightingSample
 from .point_samples import rotation_z
+from .random_numbers import uniform
 from .rasterized import Library
 from .rasterized_lights import studio
 
@@ -45,16 +46,16 @@ def random_light(library: Library, random: torch.Generator) -> Tensor:
     """(9, 3) harmonics of an environment or of a made studio, turned; now and then two of them mixed."""
 
     def one() -> Tensor:
-        if library.environments and _draw(random) < 0.75:
+        if library.environments and uniform(random) < 0.75:
             radiance = library.environments[int(torch.randint(len(library.environments), (), generator=random))]
         else:
             radiance = studio(random)
-        lights = Environment(radiance, turn=2.0 * math.pi * _draw(random)).texels()
+        lights = Environment(radiance, turn=2.0 * math.pi * uniform(random)).texels()
         return harmonics(lights.direction).T @ lights.power
 
     light = one()
-    if _draw(random) < 0.3:
-        light = torch.lerp(one(), light, _draw(random))
+    if uniform(random) < 0.3:
+        light = torch.lerp(one(), light, uniform(random))
     return light * usual_exposure(random)
 
 
@@ -93,15 +94,15 @@ def augmented(
     """
     chosen = torch.randint(sample.albedo.shape[1], (count,), generator=random)
     sample = replace(sample, points=sample.points.only(chosen), albedo=sample.albedo[:, chosen])
-    if _draw(random) < REPAINTED:
+    if uniform(random) < REPAINTED:
         sample = repainted(sample, light, random)
-    if _draw(random) < RELIT:
+    if uniform(random) < RELIT:
         sample = relit(sample, light, random_light(library, random))
     else:
         sample = _brighter(sample, usual_exposure(random) / EXPOSURE)
     points = fewer_views(sample.points, random)
-    turn = rotation_z(2.0 * math.pi * _draw(random))
-    if _draw(random) < 0.5:
+    turn = rotation_z(2.0 * math.pi * uniform(random))
+    if uniform(random) < 0.5:
         turn = turn @ torch.diag(torch.tensor([-1.0, 1.0, 1.0]))
     turned = {name: getattr(points, name) @ turn.T for name in ("position", "normal", "eyes")}
     return replace(sample, points=replace(points, **turned))
@@ -117,15 +118,15 @@ def relit(sample: DelightingSample, old: Tensor, new: Tensor) -> DelightingSampl
 
 def repainted(sample: DelightingSample, light: Tensor, random: torch.Generator) -> DelightingSample:
     """The sample in another paint under its own light (9, 3): contrast, hues, tint. What it reflects stays."""
-    paint = sample.albedo.clamp(min=1e-4) ** (0.7 + 0.8 * _draw(random))
-    if _draw(random) < 0.6:
+    paint = sample.albedo.clamp(min=1e-4) ** (0.7 + 0.8 * uniform(random))
+    if uniform(random) < 0.6:
         paint = paint[..., torch.randperm(3, generator=random)]
     tint = (0.25 * torch.randn(3, generator=random)).exp()
-    if _draw(random) < 0.5:
-        tint = tint * DARKEST ** _draw(random)
+    if uniform(random) < 0.5:
+        tint = tint * DARKEST ** uniform(random)
     else:
         brightest = float(paint.flatten().quantile(0.95))
-        tint = tint * (0.6 + 0.4 * _draw(random)) / max(brightest, 0.2)
+        tint = tint * (0.6 + 0.4 * uniform(random)) / max(brightest, 0.2)
     paint = (paint * tint).clamp(1e-5, 0.95)
     irradiance = (gathered(sample.points.normal) @ light).clamp(min=0.0)
     more = (paint - sample.albedo) * irradiance
@@ -135,7 +136,7 @@ def repainted(sample: DelightingSample, light: Tensor, random: torch.Generator) 
 
 def fewer_views(points: SeenPoints, random: torch.Generator) -> SeenPoints:
     """As if some views did not see a thing, unless too little would be left."""
-    views, odds = points.visible.shape[1], _draw(random)
+    views, odds = points.visible.shape[1], uniform(random)
     keep = torch.ones(views, dtype=torch.bool)
     if odds < FEW:
         keep = torch.rand(views, generator=random) < 0.5
@@ -150,7 +151,3 @@ def fewer_views(points: SeenPoints, random: torch.Generator) -> SeenPoints:
 def _brighter(sample: DelightingSample, factor: float) -> DelightingSample:
     color = (sample.points.color * factor).clamp(max=1.0)
     return replace(sample, points=replace(sample.points, color=color))
-
-
-def _draw(random: torch.Generator) -> float:
-    return float(torch.rand((), generator=random))

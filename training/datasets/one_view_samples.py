@@ -21,6 +21,7 @@ from arm_blender.structures import stack_cameras
 from .. import distributed
 from .outline_samples import Solid, deformed, pictures, random_stretch, tinted
 from .point_samples import rotation_z
+from .random_numbers import uniform
 
 SIZE = 160
 """Pixels a side of the pictures and of their outlines."""
@@ -85,7 +86,7 @@ class Views:
     def __getitem__(self, number: int) -> OneViewBatch:
         if number not in self._drawn:
             generator = distributed.generator(self.seed, number)
-            among = self.preferred if self.preferred and _uniform(0.0, 1.0, generator) < FAVOURED else self.solids
+            among = self.preferred if self.preferred and uniform(generator) < FAVOURED else self.solids
             solid = among[int(torch.randint(len(among), (), generator=generator))]
             self._drawn[number] = seen(solid, _moved(solid, generator), _camera(generator), self.points, generator)
         return self._drawn[number]
@@ -118,7 +119,7 @@ def seen(
     """
     fragments = rasterize_views(moved.mesh.vertices, moved.mesh.faces, [camera])
     picture = pictures(solid, fragments, SIZE, generator)
-    if tint and _uniform(0.0, 1.0, generator) < 0.7:
+    if tint and uniform(generator) < 0.7:
         picture = tinted(picture, generator)
     coverage = fragments.mask.float()
     distance = torch.from_numpy(_signed_distance(fragments.mask[0].numpy()))[None]
@@ -156,34 +157,30 @@ def _signed_distance(mask: np.ndarray) -> np.ndarray:
     return (np.maximum(inside - 0.5, 0.0) - np.maximum(outside - 0.5, 0.0)).astype(np.float32)
 
 
-def _uniform(low: float, high: float, generator: torch.Generator) -> float:
-    return low + (high - low) * float(torch.rand((), generator=generator))
-
-
 def _moved(solid: Solid, generator: torch.Generator) -> Solid:
     """Stretched, turned by quarters about Z and mirrored; seldom in any position, or smaller than the box."""
     linear = rotation_z(0.5 * math.pi * int(torch.randint(4, (), generator=generator)))
-    if _uniform(0.0, 1.0, generator) < 0.1:
+    if uniform(generator) < 0.1:
         linear = torch.linalg.qr(torch.randn(3, 3, generator=generator))[0]
-    if _uniform(0.0, 1.0, generator) < 0.5:
+    if uniform(generator) < 0.5:
         linear = linear @ torch.diag(torch.tensor([-1.0, 1.0, 1.0]))
-    longest = 2.0 if _uniform(0.0, 1.0, generator) < 0.8 else _uniform(1.4, 2.0, generator)
+    longest = 2.0 if uniform(generator) < 0.8 else uniform(generator, 1.4, 2.0)
     return deformed(solid, linear * random_stretch(generator), longest)
 
 
 def _camera(generator: torch.Generator) -> Camera:
     """Mostly in front, 10° above, six units away; else anywhere users' cameras are."""
     azimuth, elevation, distance = 4.0 * float(torch.randn((), generator=generator)), 10.0, 6.0
-    if _uniform(0.0, 1.0, generator) < 0.25:
-        azimuth = _uniform(0.0, 360.0, generator)
-    if _uniform(0.0, 1.0, generator) < 0.25:
-        elevation = _uniform(-20.0, 60.0, generator)
+    if uniform(generator) < 0.25:
+        azimuth = uniform(generator, 0.0, 360.0)
+    if uniform(generator) < 0.25:
+        elevation = uniform(generator, -20.0, 60.0)
     else:
         elevation += 3.0 * float(torch.randn((), generator=generator))
-    if _uniform(0.0, 1.0, generator) < 0.25:
-        distance = _uniform(2.5, 9.0, generator)
+    if uniform(generator) < 0.25:
+        distance = uniform(generator, 2.5, 9.0)
     camera = orbit_camera(azimuth, elevation, distance, 30.0, SIZE, SIZE)
     # A little more or less than the network looks at, so that it meets pictures of any sharpness.
-    half = float(Frustum.of(camera.center[None]).half) * _uniform(0.95, 1.3, generator)
+    half = float(Frustum.of(camera.center[None]).half) * uniform(generator, 0.95, 1.3)
     fovy = 2.0 * math.degrees(math.atan(half / distance))
     return orbit_camera(azimuth, elevation, distance, fovy, SIZE, SIZE)

@@ -24,6 +24,7 @@ from arm_blender.views.rigs import AZIMUTHS_DEG, ELEVATIONS_DEG
 
 from . import shards
 from .point_samples import drop_views, is_held_out, rotation_z
+from .random_numbers import uniform
 
 logger = logging.getLogger(__name__)
 
@@ -139,28 +140,24 @@ def batch(solids: list[Solid], count: int, points: int, generator: torch.Generat
     )
 
 
-def _uniform(low: float, high: float, generator: torch.Generator) -> float:
-    return low + (high - low) * float(torch.rand((), generator=generator))
-
-
 def _moved(solid: Solid, generator: torch.Generator) -> Solid:
     """Stretched along its axes, turned, and scaled into the box."""
     stretch = random_stretch(generator)
-    if _uniform(0.0, 1.0, generator) < 0.15:
+    if uniform(generator) < 0.15:
         rotation = torch.linalg.qr(torch.randn(3, 3, generator=generator))[0]
     else:
         # Objects of artists and scanners mostly stand along the axes.
-        quarters = _uniform(0.0, 4.0, generator)
-        angle = 0.5 * math.pi * (math.floor(quarters) if _uniform(0.0, 1.0, generator) < 0.5 else quarters)
+        quarters = uniform(generator, 0.0, 4.0)
+        angle = 0.5 * math.pi * (math.floor(quarters) if uniform(generator) < 0.5 else quarters)
         rotation = rotation_z(angle)
-    if _uniform(0.0, 1.0, generator) < 0.5:
+    if uniform(generator) < 0.5:
         rotation = rotation @ torch.diag(torch.tensor([-1.0, 1.0, 1.0]))
-    return deformed(solid, rotation * stretch, _uniform(1.6, 2.0, generator))
+    return deformed(solid, rotation * stretch, uniform(generator, 1.6, 2.0))
 
 
 def random_stretch(generator: torch.Generator) -> Tensor:
     """(3,) factors along the axes; in a fifth of the draws they are 1."""
-    if _uniform(0.0, 1.0, generator) < 0.8:
+    if uniform(generator) < 0.8:
         return ((torch.rand(3, generator=generator) * 2.0 - 1.0) * STRETCH).exp()
     return torch.ones(3)
 
@@ -184,8 +181,8 @@ def deformed(solid: Solid, linear: Tensor, longest: float) -> Solid:
 def _rig(size: int, generator: torch.Generator) -> list[Camera]:
     """Mostly the Zero123++ rig; otherwise one like it."""
     turn, distance, jitter = 0.0, 6.0, torch.zeros(2, 6)
-    if _uniform(0.0, 1.0, generator) < 0.25:
-        turn, distance = _uniform(0.0, 60.0, generator), _uniform(3.0, 8.0, generator)
+    if uniform(generator) < 0.25:
+        turn, distance = uniform(generator, 0.0, 60.0), uniform(generator, 3.0, 8.0)
         jitter = 10.0 * torch.randn(2, 6, generator=generator)
     fovy = 2.0 * math.degrees(math.atan(0.5 * FRAME / distance))
     return [

@@ -20,6 +20,7 @@ from arm_blender.graphics.brdf import distribution
 from arm_blender.graphics.color import LUMINANCE
 from arm_blender.graphics.environment import Environment
 
+from .random_numbers import uniform
 from .rasterized_surface import DIRECTIONS, directions
 
 HEIGHT, WIDTH = 64, 128
@@ -95,7 +96,7 @@ def random_sky(maps: Sequence[Tensor], generator: torch.Generator) -> tuple[Tens
     choice = int(torch.randint(len(maps) + max(1, len(maps) // 2), (), generator=generator))
     radiance = maps[choice] if choice < len(maps) else studio(generator)
     radiance = radiance.roll(int(torch.randint(WIDTH, (), generator=generator)), dims=2)
-    exposure, odds = 0.6 + 0.8 * _random(generator), _random(generator)
+    exposure, odds = 0.6 + 0.8 * uniform(generator), uniform(generator)
     suns = tuple(_random_sun(generator) for _ in range(int(odds > 0.6) + int(odds > 0.9)))
     # Ambient light gives way to suns, so that pictures stay about as bright.
     return radiance * (exposure / (1.0 + 0.7 * len(suns))), suns
@@ -129,7 +130,7 @@ def studio(generator: torch.Generator) -> Tensor:
         x, y, z = (torch.einsum("i,ihw->hw", axis, direction) for axis in (side, up, middle))
         extent = 0.1 + 0.5 * torch.rand(2, generator=generator)
         inside = (z > 0.0) & (x.abs() < extent[0] * z) & (y.abs() < extent[1] * z)
-        power = (4.0 + 20.0 * _random(generator)) * _tint(1, generator)[0]
+        power = (4.0 + 20.0 * uniform(generator)) * _tint(1, generator)[0]
         radiance = radiance + inside * power[:, None, None]
     mean = _luminance(Environment(radiance).texels().power).sum() / (4.0 * math.pi)
     return radiance / mean
@@ -198,8 +199,8 @@ def _without_sun(radiance: Tensor) -> tuple[Tensor, tuple[Sun, ...]]:
 
 
 def _random_sun(generator: torch.Generator) -> Sun:
-    power = (0.8 + 2.7 * _random(generator)) * _tint(1, generator)[0]
-    return Sun(_upward(generator), power, 0.005 + 0.2 * _random(generator) ** 2)
+    power = (0.8 + 2.7 * uniform(generator)) * _tint(1, generator)[0]
+    return Sun(_upward(generator), power, 0.005 + 0.2 * uniform(generator) ** 2)
 
 
 def _upward(generator: torch.Generator) -> Tensor:
@@ -228,7 +229,3 @@ def _luminance(color: Tensor) -> Tensor:
     """Of (..., 3), or of a picture (3, H, W)."""
     weights = color.new_tensor(LUMINANCE)
     return torch.einsum("i,ihw->hw", weights, color) if color.ndim == 3 else color @ weights
-
-
-def _random(generator: torch.Generator) -> float:
-    return float(torch.rand((), generator=generator))

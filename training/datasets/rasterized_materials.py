@@ -15,6 +15,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from .metals import METALS
+from .random_numbers import uniform
 from .rasterized_textures import LABELS, TextureSet
 
 Kind = Literal["even", "noise", "waves", "checks"]
@@ -166,12 +167,12 @@ def random_finish(textures: Sequence[TextureSet], generator: torch.Generator) ->
 
 def random_material(textures: Sequence[TextureSet], generator: torch.Generator) -> Material:
     """A texture set with a tint of its own, or a procedural substance."""
-    if textures and _random(generator) < 0.5:
+    if textures and uniform(generator) < 0.5:
         chosen = textures[_index(len(textures), generator)]
         tint = 0.7 + 0.5 * torch.rand(3, generator=generator)
         if LABELS[chosen.label] not in ("metal", "wood"):  # Their colours are known, others' are anything.
             tint = tint * (0.5 + torch.rand(3, generator=generator))
-        return Projected(chosen, 0.4 + 1.2 * _random(generator), torch.rand(3, generator=generator), tint)
+        return Projected(chosen, 0.4 + 1.2 * uniform(generator), torch.rand(3, generator=generator), tint)
     return random_substance(LABELS[_index(7, generator)], generator)
 
 
@@ -189,16 +190,16 @@ def random_substance(kind: str, generator: torch.Generator) -> Procedural:
     color = torch.rand(2, 3, generator=generator)
     if kind == "metal":
         base = torch.tensor(METALS[_index(len(METALS), generator)])
-        color = base * torch.tensor([[1.0], [0.75 + 0.25 * _random(generator)]])
+        color = base * torch.tensor([[1.0], [0.75 + 0.25 * uniform(generator)]])
     elif kind == "wood":
         color = torch.tensor([0.5, 0.3, 0.15]) * (0.4 + color.mean(dim=1, keepdim=True))
     elif kind == "rubber":
         color = 0.02 + 0.3 * color.square()
     # Two colours of one thing are closer than any two: shades of the first, or a print on it.
-    if kind != "metal" and _random(generator) < 0.6:
-        color[1] = color[0] * (0.5 + 0.5 * _random(generator))
-    rough = low + (high - low) * _random(generator)
-    other = min(max(rough + spread * (2.0 * _random(generator) - 1.0), low), high)
+    if kind != "metal" and uniform(generator) < 0.6:
+        color[1] = color[0] * (0.5 + 0.5 * uniform(generator))
+    rough = low + (high - low) * uniform(generator)
+    other = min(max(rough + spread * (2.0 * uniform(generator) - 1.0), low), high)
     ends = torch.cat([color, torch.tensor([[rough, metallic], [other, metallic]])], dim=1)
     pattern = replace(random_pattern(generator, 2.0, 12.0), kind=kinds[_index(len(kinds), generator)])
     gloss = replace(random_pattern(generator, 1.0, 6.0), kind="noise")
@@ -208,15 +209,11 @@ def random_substance(kind: str, generator: torch.Generator) -> Procedural:
 def random_pattern(generator: torch.Generator, slowest: float, fastest: float) -> Pattern:
     """Noise of a frequency between two, per world unit, in any direction; hard or soft."""
     rotation = torch.linalg.qr(torch.randn(3, 3, generator=generator))[0]
-    frequency = slowest * (fastest / slowest) ** _random(generator)
+    frequency = slowest * (fastest / slowest) ** uniform(generator)
     lattice = torch.rand(8, 8, 8, generator=generator)
     lattice = functional.pad(lattice[None, None], (0, 1, 0, 1, 0, 1), mode="circular")
     shift = 8.0 * torch.rand(3, generator=generator)
-    return Pattern("noise", rotation * frequency, shift, lattice, _random(generator) < 0.5)
-
-
-def _random(generator: torch.Generator) -> float:
-    return float(torch.rand((), generator=generator))
+    return Pattern("noise", rotation * frequency, shift, lattice, uniform(generator) < 0.5)
 
 
 def _index(count: int, generator: torch.Generator) -> int:
