@@ -15,9 +15,9 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save as to_bytes
 from torch import Tensor, nn
 
-from .config_json import config_from_dict
 from .errors import CheckpointError
-from .files import whole_file
+from .machine.config_json import config_from_dict
+from .machine.files import whole_file
 from .weights_folder import FOLDER, folder_of
 from .weights_registry import REGISTRY, Weights
 

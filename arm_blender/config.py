@@ -9,11 +9,11 @@ import torch
 from . import checkpoints
 from .errors import ArmError
 from .graphics.fairing import FairingConfig
+from .machine.precision import PRECISIONS, PrecisionName
 from .models import instant_albedo, reconstruction
 from .models.instant_albedo import InstantAlbedoConfig
 from .models.ray_occupancy import RayOccupancyConfig
 from .models.reconstruction import ReconstructionConfig
-from .precision import PRECISIONS, PrecisionName
 from .uv.blend import BLENDS
 
 PresetName = Literal["small", "paper", "instantmesh"]

@@ -14,14 +14,14 @@ from torch import nn
 from . import checkpoints
 from .config import PRESETS, Settings
 from .errors import CheckpointError
-from .interruptible import interruptible
+from .machine.interruptible import interruptible
+from .machine.precision import chosen, running_in
 from .models.georm import GeoRM
 from .models.glossyrm import GlossyRM
 from .models.instant_albedo import InstantAlbedo, InstantAlbedoConfig
 from .models.random_weights import random_state
 from .models.ray_occupancy import RayOccupancy, RayOccupancyConfig
 from .models.reconstruction import ReconstructionConfig
-from .precision import chosen, running_in
 from .report import Report
 from .unallocated import unallocated
 

@@ -14,7 +14,8 @@ from .errors import CheckpointError, EmptyMeshError
 from .graphics.fairing import fair
 from .graphics.isosurface import extract
 from .graphics.sample_grid import Density, IsosurfaceConfig
-from .memory import lower_if_short
+from .machine.memory import lower_if_short
+from .machine.threads import cpu_threads
 from .models import random_weights
 from .models.georm import GeoRM
 from .models.glossyrm import GlossyRM
@@ -23,7 +24,6 @@ from .models.reconstruction import EncodedViews, network_views
 from .progress import SHARES, Progress, part, silent
 from .report import Report
 from .structures import MaterialMaps, RelightableAsset, TexelMap, TexelViews, TriangleMesh, UvMesh, ViewSet
-from .threads import cpu_threads
 from .uv import maps
 from .uv.backproject import backproject, texture_size_for
 from .uv.blend import BLENDS, blend

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from .files import write_json
+from .machine.files import write_json
 from .version import VERSION
 
 FILE_NAME = "report.json"

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from . import checkpoints
 from .errors import CheckpointError
-from .files import check_output
+from .machine.files import check_output
 from .models import key_maps
 from .models.georm import GeoRM
 from .models.image_encoder import ImageEncoder, ImageEncoderConfig

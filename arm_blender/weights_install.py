@@ -11,8 +11,8 @@ from pathlib import Path
 
 from . import checkpoints
 from .errors import CheckpointError, DownloadError
-from .fetch import fetch
-from .files import check_output, whole_file
+from .machine.fetch import fetch
+from .machine.files import check_output, whole_file
 from .progress import Progress, part, silent
 from .weights_import import import_weights
 from .weights_registry import Weights

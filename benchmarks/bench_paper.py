@@ -18,8 +18,8 @@ from torch.nn import functional as F
 from arm_blender import networks, pipeline
 from arm_blender.config import Settings
 from arm_blender.graphics.color import srgb_from_linear
+from arm_blender.machine.precision import running_in
 from arm_blender.models.reconstruction import network_views
-from arm_blender.precision import running_in
 from arm_blender.report import Report
 from arm_blender.structures import ViewSet
 from arm_blender.uv import maps

@@ -10,8 +10,8 @@ from safetensors.torch import save_file
 from torch import nn
 
 from arm_blender import checkpoints
-from arm_blender.config_json import config_from_dict
 from arm_blender.errors import CheckpointError
+from arm_blender.machine.config_json import config_from_dict
 
 
 @dataclass(frozen=True)

@@ -16,20 +16,11 @@ LAYERS = [  # A module imports from its own layer and from earlier ones.
     {
         "errors",
         "version",
-        "files",
-        "config_json",
-        "fetch",
+        "machine",
         "weights_registry",
         "progress",
-        "quiet",
-        "libraries",
-        "library_install",
         "weights_folder",
-        "threads",
-        "interruptible",
         "unallocated",
-        "memory",
-        "precision",
         "structures",
         "graphics",
     },  # structures holds cameras, and graphics fills structures.
@@ -157,7 +148,7 @@ def test_no_path_of_one_machine_is_written_down(module):
 
 
 LIGHT = ["arm_blender", "arm_blender.errors", "arm_blender.__main__", "training.__main__"]
-LIGHT += ["arm_blender.library_install", "arm_blender.weights_folder"]  # Blender's preferences use them.
+LIGHT += ["arm_blender.machine.library_install", "arm_blender.weights_folder"]  # Blender's preferences use them.
 LIGHT += ["arm_blender.commands.progress_line"]  # Shown before the seconds of importing torch are counted.
 
 

@@ -13,7 +13,8 @@ import torch
 from arm_blender import checkpoints, networks, pipeline
 from arm_blender.config import FEW_VIEWS, PRESETS, QUALITIES, Preset, Settings
 from arm_blender.errors import ArmError, CheckpointError, OutOfMemory
-from arm_blender.memory import lower_if_short
+from arm_blender.machine.memory import lower_if_short
+from arm_blender.machine.precision import chosen, gains_from_bfloat16, running_in
 from arm_blender.models.ffc import FfcConfig
 from arm_blender.models.image_encoder import ImageEncoderConfig
 from arm_blender.models.instant_albedo import InstantAlbedoConfig
@@ -23,7 +24,6 @@ from arm_blender.models.transformer import TransformerConfig
 from arm_blender.models.triplane import DecoderConfig, UpsamplerConfig
 from arm_blender.models.unet import UnetConfig
 from arm_blender.models.vit import VitConfig
-from arm_blender.precision import chosen, gains_from_bfloat16, running_in
 from arm_blender.report import Report
 from arm_blender.structures import ViewSet
 from arm_blender.views import load_views
@@ -175,7 +175,7 @@ def test_small_networks_stay_in_single_precision_unless_asked(name):
 
 def test_large_networks_take_what_the_device_multiplies_faster(monkeypatch):
     assert chosen("auto", "cpu", large=True) == (torch.bfloat16 if gains_from_bfloat16("cpu") else torch.float32)
-    monkeypatch.setattr("arm_blender.precision.gains_from_bfloat16", lambda device: device == "cuda")
+    monkeypatch.setattr("arm_blender.machine.precision.gains_from_bfloat16", lambda device: device == "cuda")
     assert chosen("auto", "cuda", large=True) == torch.bfloat16
     assert chosen("auto", "cpu", large=True) == chosen("float32", "cuda", large=True) == torch.float32
     assert not gains_from_bfloat16("mps")

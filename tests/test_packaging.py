@@ -4,7 +4,8 @@ import fnmatch
 import tomllib
 from pathlib import Path
 
-from arm_blender import checkpoints, libraries
+from arm_blender import checkpoints
+from arm_blender.machine import libraries
 from arm_blender.version import VERSION
 
 ROOT = Path(__file__).parents[1]

@@ -14,8 +14,8 @@ from PIL import Image
 from torch import Tensor
 
 from arm_blender.commands.progress_line import ProgressLine
-from arm_blender.files import check_output, whole_file, write_json
 from arm_blender.graphics.color import bytes_from_unit
+from arm_blender.machine.files import check_output, whole_file, write_json
 from arm_blender.version import VERSION
 
 from . import distributed

@@ -18,7 +18,7 @@ import torch
 from torch import Tensor, nn
 
 from arm_blender.errors import ArmError, CheckpointError
-from arm_blender.files import whole_file
+from arm_blender.machine.files import whole_file
 
 from . import blocks, distributed
 from .options import TrainerConfig, config

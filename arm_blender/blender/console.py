@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import bpy
 
-from ..quiet import STDOUT, silenced
+from ..machine.quiet import STDOUT, silenced
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 
 from ..errors import OutputError
-from ..files import whole_file
+from ..machine.files import whole_file
 from ..structures import RelightableAsset
 from .compat import reason, use_cycles, use_neutral_view
 from .console import without_chatter

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import bpy
 
-from .. import libraries, weights_folder
+from .. import weights_folder
 from ..errors import ArmError
-from ..library_install import folder_of, lock_of
+from ..machine import libraries
+from ..machine.library_install import folder_of, lock_of
 from .compat import find_bundled_libraries
 from .preferences import preferences, user_folder
 

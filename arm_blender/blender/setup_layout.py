@@ -2,8 +2,8 @@
 
 import bpy
 
-from .. import libraries
-from ..library_install import lock_of
+from ..machine import libraries
+from ..machine.library_install import lock_of
 from . import background, runtime
 from .notice import draw_notice
 from .preferences import ARM_preferences, user_folder

@@ -6,8 +6,8 @@ from pathlib import Path
 import bpy
 from bpy.props import EnumProperty, StringProperty
 
-from .. import library_install
 from ..errors import ArmError
+from ..machine import library_install
 from ..progress import Progress
 from . import background, runtime
 from .preferences import preferences, user_folder

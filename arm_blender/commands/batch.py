@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ArmError, InputImageError
-from ..files import check_output, clear_unfinished
+from ..machine.files import check_output, clear_unfinished
 from ..version import VERSION
 from . import UsageError, generate, workers
 

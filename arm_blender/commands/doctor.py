@@ -6,7 +6,7 @@ import importlib.metadata
 import os
 import platform
 
-from ..libraries import REQUIRED
+from ..machine.libraries import REQUIRED
 from ..version import VERSION
 
 _OPTIONAL = {

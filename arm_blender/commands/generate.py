@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from .. import run as run_of
 from ..errors import ArmError, InputImageError
-from ..files import check_output
+from ..machine.files import check_output
 from ..progress import part
 from . import UsageError
 

@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 
 from ..errors import ArmError
-from ..files import check_output, clear_unfinished
+from ..machine.files import check_output, clear_unfinished
 from . import UsageError, generate
 
 LARGEST = {"turntable": 3600, "resolution": 8192, "samples": 65536, "fps": 240}

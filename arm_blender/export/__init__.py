@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import ArmError, OutputError
-from ..files import check_output, staging
+from ..machine.files import check_output, staging
 from ..progress import Progress, silent
 from ..report import FILE_NAME, Report
 from ..structures import RelightableAsset

@@ -12,9 +12,9 @@ import torch
 from torch import Tensor
 
 from ..errors import InputImageError
-from ..files import whole_file
 from ..graphics.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
-from ..quiet import STDERR, silenced
+from ..machine.files import whole_file
+from ..machine.quiet import STDERR, silenced
 
 logger = logging.getLogger(__name__)
 

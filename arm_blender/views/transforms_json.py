@@ -15,8 +15,8 @@ import torch
 from torch import Tensor
 
 from ..errors import CameraError, InputImageError
-from ..files import write_json
 from ..graphics.cameras import Camera
+from ..machine.files import write_json
 from .image_io import SUFFIXES
 
 TRANSFORMS = "transforms.json"

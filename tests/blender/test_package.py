@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 import arm_blender
-from arm_blender import library_install
+from arm_blender.machine import library_install
 
 bpy = pytest.importorskip("bpy")
 from arm_blender.blender import cli  # noqa: E402

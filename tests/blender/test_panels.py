@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import arm_blender
-from arm_blender import libraries
+from arm_blender.machine import libraries
 from arm_blender.quality_levels import measured_levels
 
 bpy = pytest.importorskip("bpy")

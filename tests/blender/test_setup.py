@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 import arm_blender
-from arm_blender import checkpoints, libraries, library_install, weights_folder, weights_install
+from arm_blender import checkpoints, weights_folder, weights_install
+from arm_blender.machine import libraries, library_install
 
 bpy = pytest.importorskip("bpy")
 from arm_blender.blender import background, runtime, setup_layout, setup_operators  # noqa: E402

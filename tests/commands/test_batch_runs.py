@@ -10,9 +10,9 @@ from dataclasses import replace
 import pytest
 import torch
 
-from arm_blender import files
 from arm_blender.__main__ import INTERRUPTED
 from arm_blender.export import is_whole
+from arm_blender.machine import files
 from arm_blender.version import VERSION
 
 from .command_line import ROOT, lines_of, only_line, run

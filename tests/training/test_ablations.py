@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from arm_blender import checkpoints
-from arm_blender.config_json import config_from_dict
 from arm_blender.errors import CheckpointError
+from arm_blender.machine.config_json import config_from_dict
 from arm_blender.models.atlas_cells import surface_cells
 from arm_blender.models.ffc import FfcConfig, FfcGenerator
 from arm_blender.models.instant_albedo import Ablation, InstantAlbedo, InstantAlbedoConfig

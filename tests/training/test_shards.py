@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from arm_blender.errors import ArmError
-from arm_blender.files import only_writer
+from arm_blender.machine.files import only_writer
 from training.__main__ import main
 from training.datasets import occupancy, shard_writer, shards
 from training.datasets.assets import find_assets

@@ -18,7 +18,7 @@ import OpenImageIO as oiio
 
 from arm_blender.commands.workers import Answer, side_by_side
 from arm_blender.errors import ArmError
-from arm_blender.files import only_writer
+from arm_blender.machine.files import only_writer
 
 from . import shard_writer
 from .assets import Asset, find_assets, in_order, manifest_assets

@@ -21,7 +21,7 @@ from arm_blender.commands import interrupts
 from arm_blender.errors import ArmError
 from arm_blender.graphics.cameras import Camera
 from arm_blender.graphics.color import linear_from_srgb
-from arm_blender.quiet import STDOUT, silenced
+from arm_blender.machine.quiet import STDOUT, silenced
 from arm_blender.views.image_io import write_png
 from arm_blender.views.rigs import zero123plus_rig
 from arm_blender.views.transforms_json import write_transforms

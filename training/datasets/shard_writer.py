@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from arm_blender.errors import ArmError
-from arm_blender.files import clear_unfinished, only_writer, whole_file, write_json
+from arm_blender.machine.files import clear_unfinished, only_writer, whole_file, write_json
 from arm_blender.version import VERSION
 
 from .shards import INDEXES, read_index, read_indexes

@@ -21,8 +21,8 @@ import numpy as np
 import torch
 
 from arm_blender.errors import ArmError
-from arm_blender.files import whole_file
 from arm_blender.graphics.cameras import Camera
+from arm_blender.machine.files import whole_file
 from arm_blender.structures import TriangleMesh
 
 from .manifest import read_manifest

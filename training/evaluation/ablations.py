@@ -14,7 +14,7 @@ from types import ModuleType
 
 from arm_blender.config import Settings
 from arm_blender.errors import ArmError
-from arm_blender.files import check_output
+from arm_blender.machine.files import check_output
 
 from ..datasets import atlases, shards
 from ..run_record import last_scalar

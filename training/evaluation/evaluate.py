@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from arm_blender.errors import ArmError
-from arm_blender.files import check_output
+from arm_blender.machine.files import check_output
 from arm_blender.views import ViewOptions
 from arm_blender.views.zero123plus.sampling import Zero123PlusConfig
 

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from arm_blender.files import whole_file
+from arm_blender.machine.files import whole_file
 
 
 @contextmanager

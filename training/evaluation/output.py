@@ -7,7 +7,7 @@ from typing import Any
 
 from arm_blender.checkpoints import sha256
 from arm_blender.config import Settings
-from arm_blender.files import write_json
+from arm_blender.machine.files import write_json
 
 from .bars import Cost, bars_table
 from .measure import ObjectResult

@@ -17,8 +17,8 @@ import torch
 from torch import Tensor, nn
 from torch._subclasses.fake_tensor import FakeTensorMode
 
-from arm_blender.files import write_json
 from arm_blender.graphics.cameras import orbit_camera
+from arm_blender.machine.files import write_json
 from arm_blender.models.georm import RAW_ISO, GeoRM
 from arm_blender.models.glossyrm import GlossyRM
 from arm_blender.models.instant_albedo import PAPER as PAPER_ALBEDO

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from arm_blender.config import QUALITIES
 from arm_blender.errors import ArmError
-from arm_blender.files import write_json
+from arm_blender.machine.files import write_json
 from arm_blender.quality_levels import FILE, STAGES
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from arm_blender.errors import OutputError
-from arm_blender.files import whole_file
+from arm_blender.machine.files import whole_file
 
 Row = tuple[str, str, str]
 """Of a table of extreme inputs: case, what is measured, result."""

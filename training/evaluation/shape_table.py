@@ -15,7 +15,7 @@ import torch
 from arm_blender import pipeline
 from arm_blender.config import Settings
 from arm_blender.errors import EmptyMeshError
-from arm_blender.files import check_output, whole_file, write_json
+from arm_blender.machine.files import check_output, whole_file, write_json
 from arm_blender.structures import TriangleMesh, ViewSet
 from arm_blender.uv.decimate import decimate
 from arm_blender.views.scene_frame import normalise

@@ -9,8 +9,8 @@ from PIL import Image
 from torch import Tensor
 
 from arm_blender.errors import ArmError
-from arm_blender.files import whole_file
 from arm_blender.graphics.color import composite, srgb_from_linear
+from arm_blender.machine.files import whole_file
 
 from .contact_sheet import normal_picture, tiled
 from .measure import HULL, MAPS, OURS, ObjectResult, Shown

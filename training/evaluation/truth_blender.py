@@ -10,9 +10,9 @@ import numpy as np
 import torch
 
 from arm_blender.errors import ArmError
-from arm_blender.files import staging, write_json
 from arm_blender.graphics.cameras import Camera
 from arm_blender.graphics.color import linear_from_srgb
+from arm_blender.machine.files import staging, write_json
 from arm_blender.views.image_io import write_png
 from arm_blender.views.transforms_json import write_transforms
 

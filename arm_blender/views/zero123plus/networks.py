@@ -14,8 +14,8 @@ import torch
 from safetensors import SafetensorError
 from torch import Tensor, nn
 
-from ...config_json import config_from_dict
 from ...errors import ArmError, CheckpointError
+from ...machine.config_json import config_from_dict
 from .network_picture import PictureConfig, picture_config
 from .schedule import NoiseConfig
 

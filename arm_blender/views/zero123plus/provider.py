@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from ...machine.threads import cpu_threads
 from ...progress import Progress, part
-from ...threads import cpu_threads
 from .. import preprocess
 from ..foreground import Heard, foreground, unheard
 from ..image_io import read_image

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from ...errors import ArmError
 from ...graphics.color import bytes_from_unit, composite, srgb_from_linear
-from ...interruptible import interruptible
+from ...machine.interruptible import interruptible
 from ...progress import Progress, silent
 from .attention import predict
 from .network_picture import network_picture

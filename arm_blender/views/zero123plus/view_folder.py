@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from ...errors import InputImageError, OutputError
-from ...files import staging, write_json
 from ...graphics.cameras import Camera
 from ...graphics.color import linear_from_srgb
+from ...machine.files import staging, write_json
 from ..foreground import foreground
 from ..image_io import write_png
 from ..transforms_json import TRANSFORMS, write_transforms

@@ -17,13 +17,13 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import IO
 
-from .errors import ArmError, OutputError
+from ..errors import ArmError, OutputError
+from ..progress import Progress
 from .files import check_output, staging
-from .progress import Progress
 
 logger = logging.getLogger(__name__)
 
-LOCKS = Path(__file__).parent / "locks"
+LOCKS = Path(__file__).parents[1] / "locks"
 """Lists of pinned wheels: `<extra>-<platform>-cp<version>.txt`, made by tools/lock_libraries.py."""
 
 _TICK = 0.2

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from arm_blender import files
 from arm_blender.errors import OutputError
+from arm_blender.machine import files
 
 
 def test_a_write_that_fails_leaves_the_older_file(tmp_path):
@@ -45,7 +45,7 @@ def test_what_a_killed_process_left_is_cleared_and_what_another_writes_now_stays
     source = f"""
 import os, signal, sys
 from pathlib import Path
-from arm_blender import files
+from arm_blender.machine import files
 with files.staging(Path({str(tmp_path)!r})) as stage, files.whole_file(Path({str(tmp_path)!r}, "a.png")) as part:
     (stage / "b.glb").touch()
     part.touch()
@@ -95,7 +95,7 @@ def test_a_folder_has_one_writer_until_it_is_done_or_dead(tmp_path):
     source = f"""
 import sys
 from pathlib import Path
-from arm_blender import files
+from arm_blender.machine import files
 with files.only_writer(Path({str(tmp_path / "out")!r})):
     print("inside", flush=True)
     sys.stdin.read()

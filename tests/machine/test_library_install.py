@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from arm_blender import library_install
 from arm_blender.errors import ArmError, Cancelled
+from arm_blender.machine import library_install
 from arm_blender.progress import silent
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from .errors import OutOfMemory
+from ..errors import OutOfMemory
 
 _ALLOCATORS = ("DefaultCPUAllocator", "not enough memory", "out of memory")
 """What the messages of torch's allocators hold: for the CPU, for it on Windows, for CUDA and Apple's devices."""

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from .errors import ArmError
+from ..errors import ArmError
 
 REQUIRED = {
     "torch": "torch",

@@ -18,9 +18,9 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from .errors import DownloadError, OutputError
-from .progress import Progress, part, silent
-from .version import VERSION
+from ..errors import DownloadError, OutputError
+from ..progress import Progress, part, silent
+from ..version import VERSION
 
 CHUNK = 2**18
 """Bytes between two looks at whether the user has stopped."""

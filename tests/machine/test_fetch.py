@@ -7,9 +7,9 @@ import urllib.request
 
 import pytest
 
-from arm_blender import fetch as module
 from arm_blender.errors import Cancelled, DownloadError, OutputError
-from arm_blender.fetch import PublishedFile, fetch
+from arm_blender.machine import fetch as module
+from arm_blender.machine.fetch import PublishedFile, fetch
 
 CONTENT = random.Random(0).randbytes(300_000)
 OTHER = random.Random(1).randbytes(300_000)

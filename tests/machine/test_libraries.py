@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from arm_blender import libraries, library_install
 from arm_blender.errors import ArmError
+from arm_blender.machine import libraries, library_install
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 LOCKS = sorted(library_install.LOCKS.glob("*.txt"))
 
 
@@ -47,7 +47,7 @@ def test_a_folder_comes_before_or_after_what_python_has(tmp_path, first, found):
     package(tmp_path / "folder", "arm_torch", "place = 'folder'")
     source = f"""
 from pathlib import Path
-from arm_blender import libraries
+from arm_blender.machine import libraries
 sys.path.insert(0, sys.argv[1] + "/own")
 libraries.add_folder(Path(sys.argv[1], "folder"), ["arm_torch"], first={first})
 libraries.add_folder(Path(sys.argv[1], "folder"), ["arm_torch"], first={first})
@@ -62,7 +62,7 @@ def test_a_numpy_in_the_folder_never_takes_the_place_of_blenders(tmp_path):
     package(package(tmp_path, "arm_torch"), "numpy", "raise RuntimeError('the wrong numpy')")
     source = """
 from pathlib import Path
-from arm_blender import libraries
+from arm_blender.machine import libraries
 libraries.add_folder(Path(sys.argv[1]), ["arm_torch"], first=True)
 import arm_torch, numpy, numpy.fft
 print(numpy.fft.fft([1.0, 1.0])[0].real)

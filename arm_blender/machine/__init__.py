@@ -1,0 +1,1 @@
+"""What any program needs of a computer: memory, threads, files, libraries, downloads."""
