@@ -6,7 +6,6 @@ from typing import Literal
 
 import torch
 
-from . import checkpoints
 from .errors import ArmError
 from .graphics.fairing import FairingConfig
 from .machine.precision import PRECISIONS, PrecisionName
@@ -15,6 +14,7 @@ from .models.instant_albedo import InstantAlbedoConfig
 from .models.ray_occupancy import RayOccupancyConfig
 from .models.reconstruction import ReconstructionConfig
 from .uv.blend import BLENDS
+from .weight_files import checkpoints
 
 PresetName = Literal["small", "paper", "instantmesh"]
 QualityName = Literal["draft", "balanced", "final"]

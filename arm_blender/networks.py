@@ -11,7 +11,6 @@ from pathlib import Path
 import torch
 from torch import nn
 
-from . import checkpoints
 from .config import PRESETS, Settings
 from .errors import CheckpointError
 from .machine.interruptible import interruptible
@@ -23,7 +22,8 @@ from .models.random_weights import random_state
 from .models.ray_occupancy import RayOccupancy, RayOccupancyConfig
 from .models.reconstruction import ReconstructionConfig
 from .report import Report
-from .unallocated import unallocated
+from .weight_files import checkpoints
+from .weight_files.unallocated import unallocated
 
 NETWORKS: dict[str, tuple[type[nn.Module], type]] = {
     "georm": (GeoRM, ReconstructionConfig),

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from arm_blender import checkpoints
 from arm_blender.machine import fetch
+from arm_blender.weight_files import checkpoints
 
 
 @dataclass

@@ -17,15 +17,14 @@ LAYERS = [  # A module imports from its own layer and from earlier ones.
         "errors",
         "version",
         "machine",
-        "weights_registry",
         "progress",
-        "weights_folder",
-        "unallocated",
         "structures",
         "graphics",
     },  # structures holds cameras, and graphics fills structures.
-    {"models", "uv", "views", "checkpoints"},
-    {"config", "quality_levels", "report", "export", "placement", "weights_import", "weights_install"},
+    {"models", "uv"},
+    {"weight_files"},
+    {"views"},
+    {"config", "quality_levels", "report", "export", "placement"},
     {"networks"},
     {"pipeline", "run"},
     {"blender", "commands", "__main__", "__init__"},
@@ -148,7 +147,7 @@ def test_no_path_of_one_machine_is_written_down(module):
 
 
 LIGHT = ["arm_blender", "arm_blender.errors", "arm_blender.__main__", "training.__main__"]
-LIGHT += ["arm_blender.machine.library_install", "arm_blender.weights_folder"]  # Blender's preferences use them.
+LIGHT += ["arm_blender.machine.library_install", "arm_blender.weight_files.folder"]  # Blender's preferences use them.
 LIGHT += ["arm_blender.commands.progress_line"]  # Shown before the seconds of importing torch are counted.
 
 

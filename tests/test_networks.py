@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from arm_blender import checkpoints, networks, pipeline
+from arm_blender import networks, pipeline
 from arm_blender.config import FEW_VIEWS, PRESETS, QUALITIES, Preset, Settings
 from arm_blender.errors import ArmError, CheckpointError, OutOfMemory
 from arm_blender.machine.memory import lower_if_short
@@ -27,6 +27,7 @@ from arm_blender.models.vit import VitConfig
 from arm_blender.report import Report
 from arm_blender.structures import ViewSet
 from arm_blender.views import load_views
+from arm_blender.weight_files import checkpoints
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "barrel"
 SHAPE = ReconstructionConfig(
@@ -290,7 +291,7 @@ from arm_blender.config import PRESETS
 from arm_blender.models.georm import GeoRM
 from arm_blender.models.instant_albedo import InstantAlbedo
 from arm_blender.models.ray_occupancy import RayOccupancy, RayOccupancyConfig
-from arm_blender.unallocated import unallocated
+from arm_blender.weight_files.unallocated import unallocated
 for preset in PRESETS.values():
     with unallocated():
         networks = GeoRM(preset.georm), InstantAlbedo(preset.instant_albedo), RayOccupancy(RayOccupancyConfig())

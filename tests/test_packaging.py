@@ -4,9 +4,9 @@ import fnmatch
 import tomllib
 from pathlib import Path
 
-from arm_blender import checkpoints
 from arm_blender.machine import libraries
 from arm_blender.version import VERSION
+from arm_blender.weight_files import checkpoints
 
 ROOT = Path(__file__).parents[1]
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 import trimesh
 
-from arm_blender import checkpoints, networks, pipeline
+from arm_blender import networks, pipeline
 from arm_blender.config import Settings
 from arm_blender.errors import ArmError, Cancelled, CheckpointError, EmptyMeshError
 from arm_blender.graphics.cameras import project
@@ -20,6 +20,7 @@ from arm_blender.models.triplane import DecoderConfig, UpsamplerConfig
 from arm_blender.report import Report
 from arm_blender.structures import RelightableAsset, TriangleMesh, ViewSet
 from arm_blender.views import load_views
+from arm_blender.weight_files import checkpoints
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "barrel"
 QUICK = Settings(quality="draft", grid=48, faces=1500, texture_size=256)

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import bpy
 
-from .. import weights_folder
 from ..errors import ArmError
 from ..machine import libraries
 from ..machine.library_install import folder_of, lock_of
+from ..weight_files import folder as weights_folder
 from .compat import find_bundled_libraries
 from .preferences import preferences, user_folder
 

@@ -174,7 +174,7 @@ class ARM_OT_import_weights(_WhileIdle, bpy.types.Operator):
 
         def work(progress: Progress) -> tuple[WeightsRow, ...]:
             progress(0.0, f"Converting {source.name}")
-            from ..weights_install import install
+            from ..weight_files.install import install
 
             for _ in install(source, None if kind == "auto" else kind):
                 progress(0.5, f"Converting {source.name}")
@@ -206,9 +206,9 @@ class ARM_OT_download_weights(_WhileOnline, bpy.types.Operator):
         name = self.name
 
         def work(progress: Progress) -> tuple[WeightsRow, ...]:
-            from .. import weights_install
+            from ..weight_files import install
 
-            weights_install.download(name, progress)
+            install.download(name, progress)
             return _read_weights(progress)
 
         background.start(work, _show_weights)
@@ -229,7 +229,7 @@ class ARM_OT_cancel_setup(bpy.types.Operator):
 def _read_weights(progress: Progress) -> tuple[WeightsRow, ...]:
     """Look at every file of the registry. Runs on a thread: files are read whole, and PyTorch is imported."""
     progress(0.0, "Looking at the weights")
-    from .. import checkpoints
+    from ..weight_files import checkpoints
 
     rows = []
     for index, entry in enumerate(checkpoints.REGISTRY):

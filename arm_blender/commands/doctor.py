@@ -58,8 +58,8 @@ def _print_torch_and_weights() -> int:
     """Devices and weights; the number of weights that `small` lacks."""
     import torch
 
-    from .. import checkpoints
     from ..errors import CheckpointError
+    from ..weight_files import checkpoints
 
     devices = ["cpu"]
     if torch.cuda.is_available():

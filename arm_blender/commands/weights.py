@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _list(args: argparse.Namespace) -> int:
-    from .. import checkpoints
+    from ..weight_files import checkpoints
 
     for weights in checkpoints.REGISTRY:
         path, condition = checkpoints.shipped(weights.name), checkpoints.condition(weights.name)
@@ -52,7 +52,7 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def _verify(args: argparse.Namespace) -> int:
-    from .. import checkpoints
+    from ..weight_files import checkpoints
 
     known = [weights.name for weights in checkpoints.REGISTRY]
     names = args.names or [name for name in known if checkpoints.shipped(name).is_file()]
@@ -69,7 +69,7 @@ def _verify(args: argparse.Namespace) -> int:
 
 
 def _import(args: argparse.Namespace) -> int:
-    from ..weights_install import install
+    from ..weight_files.install import install
 
     for installed in install(args.source, args.kind, args.output):
         print(f"{installed.path}: {installed.origin}; licence of the weights: {installed.licence}")
@@ -77,7 +77,7 @@ def _import(args: argparse.Namespace) -> int:
 
 
 def _download(args: argparse.Namespace) -> int:
-    from .. import checkpoints
+    from ..weight_files import checkpoints
 
     weights, place = checkpoints.registered(args.name), checkpoints.shipped(args.name)
     if checkpoints.condition(args.name) == "whole":
@@ -90,7 +90,7 @@ def _download(args: argparse.Namespace) -> int:
         if not (args.accept_licence or _agreed(weights.name)):
             print("nothing was downloaded")
             return 1
-    from ..weights_install import download
+    from ..weight_files.install import download
     from .progress_line import shown
 
     with shown(args.progress) as progress:

@@ -15,13 +15,10 @@ import torch
 from torch import Tensor
 from torch.nn.functional import interpolate
 
-from .. import checkpoints
 from ..errors import CheckpointError
 from ..graphics.color import bytes_from_unit, srgb_from_linear
+from ..weight_files import checkpoints, matting_model
 from .masks import Unsure, without_specks
-
-WEIGHTS = "matting"
-"""The name under which a model is registered."""
 
 _REMBG_MODELS = ("isnet-general-use", "u2net")
 """Those of rembg that know any object, the better one first."""
@@ -47,7 +44,7 @@ _CONVENTIONS = {
     320: _Convention((0.485, 0.456, 0.406), (0.229, 0.224, 0.225)),
     1024: _Convention((0.5, 0.5, 0.5), (1.0, 1.0, 1.0)),
 }
-"""By the pixels a side of the input: U2-Net, IS-Net."""
+"""By the pixels a side of the input (`matting_model.SIDES`): U2-Net, IS-Net."""
 
 
 def matted_by_model(image: Tensor) -> Tensor:
@@ -57,7 +54,7 @@ def matted_by_model(image: Tensor) -> Tensor:
         Unsure: there is none, onnxruntime is not installed, or the model finds nothing.
         CheckpointError: the model is damaged, or of another kind.
     """
-    model = checkpoints.shipped(WEIGHTS)
+    model = checkpoints.shipped(matting_model.MATTING)
     if not model.is_file():
         raise Unsure("no matting model is there")
     if find_spec("onnxruntime") is None:
@@ -93,14 +90,14 @@ def alpha_by(model: Path, image: Tensor) -> Tensor:
         Unsure: the network finds nothing.
         CheckpointError: the file is damaged, or no U2-Net or IS-Net.
     """
-    session, side = _session(model, model.stat().st_mtime_ns, torch.get_num_threads())
+    session, side = matting_model.opened(model, torch.get_num_threads())
     convention = _CONVENTIONS[side]
     small = interpolate(srgb_from_linear(image[None, :3]), (side, side), mode="bicubic", antialias=True).clamp(0.0, 1.0)
     small = small / small.max().clamp(min=1e-6)
     mean, deviation = (torch.tensor(v)[:, None, None] for v in (convention.mean, convention.deviation))
     try:
         output = session.run(None, {session.get_inputs()[0].name: ((small - mean) / deviation).numpy()})[0]
-    except _failures() as error:
+    except matting_model.failures() as error:
         raise CheckpointError(f"{model}: does not run ({error}); import another model") from error
     if output.ndim != 4 or output.shape[:2] != (1, 1) or min(output.shape) < 1:
         raise CheckpointError(f"{model}: gives {output.shape} instead of one mask; import a U2-Net or an IS-Net")
@@ -109,41 +106,6 @@ def alpha_by(model: Path, image: Tensor) -> Tensor:
     if not float(high - low) >= _NO_CONTRAST:  # So is what is not a number.
         raise Unsure("the matting model finds no object")
     return _cleaned(interpolate((mask - low) / (high - low), image.shape[1:], mode="bilinear", antialias=True)[0, 0])
-
-
-def check_model(model: Path) -> None:
-    """Raises `CheckpointError` where a file is missing, damaged, no U2-Net or IS-Net, or onnxruntime is."""
-    if not model.is_file():
-        raise CheckpointError(f"{model}: no such file, check the path")
-    if find_spec("onnxruntime") is None:
-        raise CheckpointError(f"{model}: onnxruntime is not installed; pip install onnxruntime, and import it again")
-    _session(model, model.stat().st_mtime_ns, torch.get_num_threads())
-
-
-@functools.lru_cache(maxsize=1)
-def _session(model: Path, changed: int, threads: int) -> tuple[Any, int]:
-    """The network, ready to run, and the pixels a side of its input; the next view finds it loaded.
-
-    Args:
-        changed: when the file was; another file under the same name is read anew.
-    """
-    import onnxruntime
-
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.log_severity_level = 4  # What goes wrong is raised.
-    try:
-        session = onnxruntime.InferenceSession(str(model), options, providers=["CPUExecutionProvider"])
-    except _failures() as error:
-        raise CheckpointError(f"{model}: no readable ONNX model ({error}); download it again") from error
-    inputs = session.get_inputs()
-    shape = inputs[0].shape if inputs else []
-    if len(inputs) != 1 or len(shape) != 4 or shape[1] != 3 or shape[2] != shape[3] or shape[2] not in _CONVENTIONS:
-        raise CheckpointError(
-            f"{model}: takes {[entry.shape for entry in inputs]}; "
-            "import a U2-Net (3x320x320) or an IS-Net (3x1024x1024)"
-        )
-    return session, shape[2]
 
 
 @functools.lru_cache(maxsize=1)
@@ -157,10 +119,3 @@ def _cleaned(alpha: Tensor) -> Tensor:
     """`alpha` (H, W) without the tiny parts; soft edges stay."""
     opaque = alpha > 0.5
     return alpha * ~(opaque & ~without_specks(opaque))
-
-
-def _failures() -> tuple[type[Exception], ...]:
-    """What onnxruntime raises; its exceptions have no base of their own."""
-    from onnxruntime.capi import onnxruntime_pybind11_state as state
-
-    return tuple(kind for kind in vars(state).values() if isinstance(kind, type) and issubclass(kind, Exception))

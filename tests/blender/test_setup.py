@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 
 import arm_blender
-from arm_blender import checkpoints, weights_folder, weights_install
 from arm_blender.machine import libraries, library_install
+from arm_blender.weight_files import checkpoints
+from arm_blender.weight_files import folder as weights_folder
+from arm_blender.weight_files import install as weights_install
 
 bpy = pytest.importorskip("bpy")
 from arm_blender.blender import background, runtime, setup_layout, setup_operators  # noqa: E402

@@ -68,7 +68,7 @@ def test_an_unwritable_output_is_refused_before_any_work(pipeline, picture, caps
 
 
 def test_missing_weights_are_one_line(picture, tmp_path, capsys, monkeypatch):
-    from arm_blender import checkpoints
+    from arm_blender.weight_files import checkpoints
 
     monkeypatch.setattr(checkpoints.shipped, "__defaults__", (tmp_path / "weights",))
     assert run("generate", picture, "--output", tmp_path / "out") == 1

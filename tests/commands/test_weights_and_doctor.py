@@ -16,7 +16,7 @@ def test_doctor_and_weights_speak(capsys):
 
 
 def test_the_list_of_weights_says_where_they_lie_and_whether_they_are_whole(tmp_path, capsys, monkeypatch):
-    from arm_blender import checkpoints
+    from arm_blender.weight_files import checkpoints
 
     shutil.copytree(checkpoints.FOLDER, tmp_path, dirs_exist_ok=True)
     with (tmp_path / "small.glossyrm.safetensors").open("ab") as file:
@@ -36,7 +36,7 @@ def test_the_list_of_weights_says_where_they_lie_and_whether_they_are_whole(tmp_
 
 
 def test_verifying_nothing_is_no_success(tmp_path, capsys, monkeypatch):
-    from arm_blender import checkpoints
+    from arm_blender.weight_files import checkpoints
 
     monkeypatch.setattr(checkpoints.shipped, "__defaults__", (tmp_path,))
     assert run("weights", "verify") == 1
@@ -44,7 +44,7 @@ def test_verifying_nothing_is_no_success(tmp_path, capsys, monkeypatch):
 
 
 def test_doctor_sees_what_is_damaged(tmp_path, capsys, monkeypatch):
-    from arm_blender import checkpoints
+    from arm_blender.weight_files import checkpoints
 
     for weights in checkpoints.REGISTRY:
         (tmp_path / weights.file_name).write_bytes(b"no weights")

@@ -8,7 +8,6 @@ import trimesh
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from arm_blender import checkpoints
 from arm_blender.config import PRESETS, Settings
 from arm_blender.graphics.connectivity import components, half_edges
 from arm_blender.graphics.isosurface import IsosurfaceConfig, extract
@@ -18,6 +17,7 @@ from arm_blender.models.georm import GeoRM
 from arm_blender.models.reconstruction import network_views
 from arm_blender.structures import ViewSet
 from arm_blender.views.rigs import zero123plus_rig
+from arm_blender.weight_files import checkpoints
 
 ISO = 10.0
 

@@ -4,7 +4,6 @@ import pytest
 import torch
 
 from arm_blender.errors import CheckpointError
-from arm_blender.models.key_maps import KeyMap, convert, materialistic_cascade
 from arm_blender.models.material_encoder import (
     Context,
     Fusion,
@@ -13,6 +12,7 @@ from arm_blender.models.material_encoder import (
     ResidualUnit,
 )
 from arm_blender.models.vit import VitConfig
+from arm_blender.weight_files.key_maps import KeyMap, convert, materialistic_cascade
 
 CONFIG = MaterialEncoderConfig(VitConfig(8, 16, 4, 2, 4, 4), (0, 1, 2, 3), image_size=32, channels=8, out_channels=4)
 

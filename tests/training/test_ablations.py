@@ -6,7 +6,6 @@ from typing import get_args
 import pytest
 import torch
 
-from arm_blender import checkpoints
 from arm_blender.errors import CheckpointError
 from arm_blender.machine.config_json import config_from_dict
 from arm_blender.models.atlas_cells import surface_cells
@@ -16,6 +15,7 @@ from arm_blender.models.material_encoder import MaterialEncoderConfig
 from arm_blender.models.unet import Unet, UnetConfig
 from arm_blender.models.vit import VitConfig
 from arm_blender.structures import TexelMap, TexelViews
+from arm_blender.weight_files import checkpoints
 from training.__main__ import main
 from training.datasets.atlas_lookup import AtlasLookup
 from training.datasets.atlases import Atlas

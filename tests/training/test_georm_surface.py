@@ -6,9 +6,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from arm_blender import checkpoints
 from arm_blender.models.georm import GeoRM
 from arm_blender.models.reconstruction import SMALL, ReconstructionConfig
+from arm_blender.weight_files import checkpoints
 from training import __main__ as command
 from training.datasets import view_samples
 from training.datasets.view_samples import ViewSample

@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 import torch
 
-from arm_blender import checkpoints
 from arm_blender.models.georm import RAW_ISO, GeoRM
 from arm_blender.models.reconstruction import PAPER, SMALL, NetworkViews, ReconstructionConfig
+from arm_blender.weight_files import checkpoints
 from training import __main__ as command
 from training.datasets import view_samples
 from training.datasets.view_samples import ViewSample

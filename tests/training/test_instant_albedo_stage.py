@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import torch
 
-from arm_blender import checkpoints
 from arm_blender.config import PRESETS
 from arm_blender.errors import ArmError
 from arm_blender.graphics.cameras import orbit_camera
@@ -19,6 +18,7 @@ from arm_blender.models.material_encoder import MaterialEncoderConfig
 from arm_blender.models.unet import UnetConfig
 from arm_blender.models.vit import VitConfig
 from arm_blender.structures import UvMesh
+from arm_blender.weight_files import checkpoints
 from training.datasets import atlases
 from training.datasets.atlas_augmentation import augment
 from training.datasets.shards import save_arrays

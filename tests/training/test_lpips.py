@@ -7,9 +7,9 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
-from arm_blender import weights_import
 from arm_blender.__main__ import main
 from arm_blender.errors import CheckpointError
+from arm_blender.weight_files import imported
 from training.lpips import Lpips
 
 FOLDER = Path(__file__).parents[1] / "data/parity"
@@ -59,9 +59,9 @@ def test_other_files_are_refused(tmp_path):
 @pytest.fixture
 def narrow(monkeypatch):
     """Imports networks of the fixture's width."""
-    config = weights_import.LpipsConfig((8, 12, 16, 20, 20))
-    convert = functools.partial(weights_import.lpips_from_vgg, config=config)
-    monkeypatch.setitem(weights_import.KINDS, "lpips", ("lpips.vgg", convert))
+    config = imported.LpipsConfig((8, 12, 16, 20, 20))
+    convert = functools.partial(imported.lpips_from_vgg, config=config)
+    monkeypatch.setitem(imported.KINDS, "lpips", ("lpips.vgg", convert))
 
 
 def test_the_packages_own_weights_give_its_distance(pair, narrow, tmp_path, weights_folder):
@@ -87,4 +87,4 @@ def test_the_two_published_files_are_joined(pair, narrow, tmp_path, weights_fold
 def test_half_of_lpips_is_refused_by_name(narrow, tmp_path, weights_folder):
     torch.save({key: t for key, t in WEIGHTS.items() if key != "net.slice1.0.bias"}, tmp_path / "half.pth")
     with pytest.raises(CheckpointError, match=r"half.pth: net\.slice1\.0\.bias is missing"):
-        weights_import.import_weights(tmp_path / "half.pth", "lpips")
+        imported.import_weights(tmp_path / "half.pth", "lpips")

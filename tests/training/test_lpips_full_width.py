@@ -13,7 +13,7 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from arm_blender.weights_import import lpips_from_vgg
+from arm_blender.weight_files.imported import lpips_from_vgg
 from training.lpips import Lpips
 
 FOLDER = Path(os.environ.get("ARM_PARITY", ""))

@@ -7,7 +7,6 @@ import pytest
 import torch
 import trimesh
 
-from arm_blender import checkpoints
 from arm_blender.errors import ArmError, CheckpointError
 from arm_blender.graphics.color import srgb_from_linear
 from arm_blender.models.ffc import FfcConfig
@@ -15,6 +14,7 @@ from arm_blender.models.instant_albedo import InstantAlbedo, InstantAlbedoConfig
 from arm_blender.models.material_encoder import MaterialEncoderConfig
 from arm_blender.models.unet import UnetConfig
 from arm_blender.models.vit import VitConfig
+from arm_blender.weight_files import checkpoints
 from training.datasets.atlas_lookup import AtlasLookup
 from training.datasets.atlases import AtlasConfig, sample_arrays
 from training.datasets.camera_rigs import random_views

@@ -8,13 +8,13 @@ import pytest
 import torch
 import trimesh
 
-from arm_blender import checkpoints
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.graphics.rasterize import interpolate, rasterize
 from arm_blender.models.georm import GeoRM
 from arm_blender.models.reconstruction import SMALL
 from arm_blender.structures import TriangleMesh, UvMesh
 from arm_blender.uv.unwrap import UnwrapConfig
+from arm_blender.weight_files import checkpoints
 from training.datasets import atlases, outline_samples, point_samples, shard_writer, shards, view_samples
 from training.datasets.gloss_samples import Shapes
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 import pytest
 import torch
 
-from arm_blender import checkpoints
 from arm_blender.config import PRESETS, Settings
 from arm_blender.graphics.cameras import orbit_camera, project
 from arm_blender.graphics.isosurface import IsosurfaceConfig, extract
 from arm_blender.graphics.rasterize import rasterize
 from arm_blender.models.reconstruction import ReconstructionConfig
 from arm_blender.structures import TriangleMesh
+from arm_blender.weight_files import checkpoints
 from training.evaluation.ball import RADIUS, VOLUME, ball, open_edges, volume
 from training.evaluation.precision import NARROW, built, compared, in_three_precisions
 from training.evaluation.stability import missed_and_outside

@@ -10,8 +10,8 @@ from torch.nn import functional
 
 from arm_blender.graphics.cameras import orbit_camera, unproject
 from arm_blender.models.georm import RAW_ISO
-from arm_blender.models.key_maps import convert, density_decoder
 from arm_blender.models.triplane import DecoderConfig, decoder, sample_planes
+from arm_blender.weight_files.key_maps import convert, density_decoder
 from training.volume_rendering import (
     Draws,
     Rays,

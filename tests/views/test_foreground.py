@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 import torch
 
-from arm_blender import checkpoints
 from arm_blender.errors import CheckpointError, InputImageError
 from arm_blender.report import Report
 from arm_blender.views import load_views
@@ -13,6 +12,7 @@ from arm_blender.views.foreground import WAYS, foreground
 from arm_blender.views.image_io import write_png
 from arm_blender.views.masks import Unsure
 from arm_blender.views.preprocess import FOREGROUND_RATIO
+from arm_blender.weight_files import checkpoints
 
 PATH = Path("folder/mug.png")
 

@@ -8,11 +8,12 @@ import pytest
 import torch
 from PIL import Image
 
-from arm_blender import checkpoints
 from arm_blender.errors import CheckpointError
 from arm_blender.graphics.color import linear_from_srgb
 from arm_blender.views import matting
 from arm_blender.views.masks import Unsure
+from arm_blender.weight_files import checkpoints
+from arm_blender.weight_files import matting_model as matting_model_file
 
 TRAINED = {320: ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225)), 1024: ((0.5, 0.5, 0.5), (1.0, 1.0, 1.0))}
 """Mean and deviation, from the inference scripts of U2-Net and IS-Net."""
@@ -69,7 +70,7 @@ def test_a_model_that_finds_nothing_is_not_stretched(photograph, tmp_path, matti
 )
 def test_another_network_is_refused_by_what_it_takes(tmp_path, matting_model, how, line):
     with pytest.raises(CheckpointError, match=f"m.onnx: takes .*{line}"):
-        matting.check_model(matting_model(tmp_path / "m.onnx", **how))
+        matting_model_file.check_model(matting_model(tmp_path / "m.onnx", **how))
 
 
 @pytest.mark.parametrize("content", [b"", b"no model", None], ids=["empty", "text", "missing"])
@@ -77,7 +78,7 @@ def test_what_is_no_model_is_refused(tmp_path, content):
     if content is not None:
         (tmp_path / "m.onnx").write_bytes(content)
     with pytest.raises(CheckpointError, match="m.onnx: no "):
-        matting.check_model(tmp_path / "m.onnx")
+        matting_model_file.check_model(tmp_path / "m.onnx")
 
 
 def test_a_model_that_was_replaced_is_read_anew(photograph, tmp_path, matting_model):
@@ -88,11 +89,12 @@ def test_a_model_that_was_replaced_is_read_anew(photograph, tmp_path, matting_mo
 
 def test_without_onnxruntime_the_line_says_so(photograph, weights_folder, matting_model, monkeypatch):
     path = matting_model(checkpoints.shipped("matting"))
-    monkeypatch.setattr(matting, "find_spec", lambda name: None)
+    for module in (matting, matting_model_file):
+        monkeypatch.setattr(module, "find_spec", lambda name: None)
     with pytest.raises(Unsure, match="pip install onnxruntime"):
         matting.matted_by_model(photograph)
     with pytest.raises(CheckpointError, match="pip install onnxruntime"):
-        matting.check_model(path)
+        matting_model_file.check_model(path)
 
 
 @pytest.fixture

@@ -8,13 +8,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from arm_blender import checkpoints
 from arm_blender.errors import EmptyMeshError
 from arm_blender.graphics.isosurface import extract
 from arm_blender.graphics.sample_grid import IsosurfaceConfig
 from arm_blender.models.georm import GeoRM
 from arm_blender.models.reconstruction import ReconstructionConfig
 from arm_blender.structures import TriangleMesh
+from arm_blender.weight_files import checkpoints
 
 from . import shards, view_samples
 from .view_samples import ViewSample

@@ -5,9 +5,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from arm_blender.checkpoints import sha256
 from arm_blender.config import Settings
 from arm_blender.machine.files import write_json
+from arm_blender.weight_files.checkpoints import sha256
 
 from .bars import Cost, bars_table
 from .measure import ObjectResult

@@ -13,7 +13,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from arm_blender import checkpoints, networks, pipeline
+from arm_blender import networks, pipeline
 from arm_blender.config import PRESETS, Preset, Settings
 from arm_blender.graphics.brdf import evaluate
 from arm_blender.graphics.differentiable import with_gradient
@@ -35,6 +35,7 @@ from arm_blender.uv.decimate import decimate
 from arm_blender.uv.maps import diffuse_fill
 from arm_blender.uv.texels import texel_map
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
+from arm_blender.weight_files import checkpoints
 
 EXPLANATION = """\
 Errors of float32 and of bfloat16 (autocast) against float64 on the same inputs: the largest of a part, over how far its

@@ -13,7 +13,7 @@ from arm_blender.models.georm import GeoRM
 from arm_blender.models.glossyrm import GlossyRM
 from arm_blender.models.instant_albedo import InstantAlbedo
 from arm_blender.models.ray_occupancy import RayOccupancy
-from arm_blender.unallocated import unallocated
+from arm_blender.weight_files.unallocated import unallocated
 
 from .results import fill_block, markdown_table
 

@@ -11,10 +11,10 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from arm_blender import checkpoints
 from arm_blender.errors import ArmError
 from arm_blender.graphics.color import srgb_from_linear
 from arm_blender.models.delighting import Delighting, DelightingConfig, SeenPoints
+from arm_blender.weight_files import checkpoints
 
 from .. import distributed, options
 from ..datasets.delighting_augmentation import augmented, exposed, fitted_light

@@ -14,11 +14,11 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from arm_blender import checkpoints
 from arm_blender.errors import ArmError
 from arm_blender.models.georm import GeoRM
 from arm_blender.models.reconstruction import SMALL, SMALL_TRIPLANE, EncodedViews, NetworkViews
 from arm_blender.models.visual_hull import Outlines
+from arm_blender.weight_files import checkpoints
 
 from .. import distributed
 from ..datasets import outline_samples, point_samples, shards

@@ -12,12 +12,12 @@ import torch
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
-from arm_blender import checkpoints
 from arm_blender.config import PRESETS
 from arm_blender.errors import CheckpointError
 from arm_blender.graphics.rasterize import interpolate, rasterize_views
 from arm_blender.models.glossyrm import GlossyRM
 from arm_blender.models.reconstruction import EncodedViews, ReconstructionConfig
+from arm_blender.weight_files import checkpoints
 
 from .. import distributed
 from ..datasets import view_samples

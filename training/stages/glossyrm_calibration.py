@@ -13,10 +13,10 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from arm_blender import checkpoints
 from arm_blender.errors import ArmError
 from arm_blender.models.glossyrm import GlossyRM
 from arm_blender.models.reconstruction import ReconstructionConfig
+from arm_blender.weight_files import checkpoints
 
 from ..datasets import shards
 from ..datasets.manifest import read_manifest

@@ -12,9 +12,9 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from arm_blender import checkpoints
 from arm_blender.models.glossyrm import GlossyRM
 from arm_blender.models.reconstruction import SMALL_GLOSSY, ReconstructionConfig
+from arm_blender.weight_files import checkpoints
 
 from .. import distributed
 from ..datasets import point_samples, shards

@@ -13,10 +13,10 @@ from typing import get_args
 import torch
 from torch import Tensor
 
-from arm_blender import checkpoints
 from arm_blender.errors import ArmError
 from arm_blender.graphics.color import srgb_from_linear
 from arm_blender.models.instant_albedo import Ablation, InstantAlbedo, InstantAlbedoConfig
+from arm_blender.weight_files import checkpoints
 
 from .. import distributed, options
 from ..datasets import atlases

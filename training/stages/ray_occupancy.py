@@ -11,9 +11,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from arm_blender import checkpoints
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.models.ray_occupancy import RayOccupancy, RayOccupancyConfig
+from arm_blender.weight_files import checkpoints
 
 from .. import distributed
 from ..datasets import one_view_samples, outline_samples, point_samples, shards

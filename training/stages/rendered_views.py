@@ -14,12 +14,12 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from arm_blender import checkpoints
 from arm_blender.config import PRESETS
 from arm_blender.errors import ArmError
 from arm_blender.models.georm import GeoRM
 from arm_blender.models.glossyrm import GlossyRM
 from arm_blender.models.reconstruction import EncodedViews, NetworkViews, ReconstructionConfig
+from arm_blender.weight_files import checkpoints
 
 from .. import distributed, options
 from ..datasets import shards, view_samples

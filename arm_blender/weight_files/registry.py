@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from .machine.fetch import PublishedFile
+from ..machine.fetch import PublishedFile
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ import torch
 from torch import Tensor
 
 from ..errors import CheckpointError
-from .georm import RAW_ISO
-from .reconstruction import ReconstructionConfig
+from ..models.georm import RAW_ISO
+from ..models.reconstruction import ReconstructionConfig
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,13 @@ import sys
 import pytest
 import torch
 
-from arm_blender import checkpoints, weights_import, weights_install
 from arm_blender.__main__ import main
 from arm_blender.errors import Cancelled, CheckpointError, DownloadError
 from arm_blender.models.material_encoder import MaterialEncoderConfig
 from arm_blender.models.vit import VisionTransformer, VitConfig
+from arm_blender.weight_files import checkpoints
+from arm_blender.weight_files import imported as weights_import
+from arm_blender.weight_files import install as weights_install
 
 VIT = VitConfig(patch=8, dim=32, depth=2, heads=2, grid=4)
 CONFIG = MaterialEncoderConfig(VIT, (0, 0, 1, 1), image_size=32, channels=8, out_channels=4)

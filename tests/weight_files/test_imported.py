@@ -10,7 +10,6 @@ import torch
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
-from arm_blender import checkpoints, weights_import
 from arm_blender.__main__ import main
 from arm_blender.errors import CheckpointError
 from arm_blender.models.georm import GeoRM
@@ -20,8 +19,9 @@ from arm_blender.models.reconstruction import EncodedViews, ReconstructionConfig
 from arm_blender.models.transformer import TransformerConfig
 from arm_blender.models.triplane import DecoderConfig, UpsamplerConfig
 from arm_blender.models.vit import VisionTransformer, VitConfig
+from arm_blender.weight_files import checkpoints, imported
 
-PARITY = Path(__file__).parent / "data/parity"
+PARITY = Path(__file__).parents[1] / "data/parity"
 
 TINY = ReconstructionConfig(
     encoder=ImageEncoderConfig(image_size=32, patch_size=8, position_grid=4, width=24, depth=2, heads=2),
@@ -52,8 +52,8 @@ def folder(tmp_path, monkeypatch) -> Path:
     place.mkdir()
     monkeypatch.setattr(checkpoints.shipped, "__defaults__", (place,))
     monkeypatch.setattr(checkpoints.verify, "__defaults__", (place,))
-    convert = functools.partial(weights_import.georm_from_instantmesh, config=TINY)
-    monkeypatch.setitem(weights_import.KINDS, "georm", ("instantmesh.georm", convert))
+    convert = functools.partial(imported.georm_from_instantmesh, config=TINY)
+    monkeypatch.setitem(imported.KINDS, "georm", ("instantmesh.georm", convert))
     return place
 
 
@@ -99,7 +99,7 @@ def test_an_imported_checkpoint_gives_the_published_planes_and_density(checkpoin
 
 def test_an_imported_file_says_where_it_comes_from_and_is_recorded(checkpoint, folder):
     (folder / checkpoints.SUMS).write_text("0123  small.georm.safetensors\n")
-    path, _ = weights_import.import_weights(checkpoint, "georm")
+    path, _ = imported.import_weights(checkpoint, "georm")
     header = checkpoints.read_header(path)
     assert header["source"] == "instant_nerf_tiny.ckpt" and "CC-BY-NC" in header["licence"]
     assert header["source_sha256"] == hashlib.sha256(checkpoint.read_bytes()).hexdigest()
@@ -108,11 +108,11 @@ def test_an_imported_file_says_where_it_comes_from_and_is_recorded(checkpoint, f
 
 
 def test_safetensors_and_bare_tables_are_read_alike(checkpoint, tiny, folder, tmp_path):
-    expected = weights_import.import_weights(checkpoint, "georm")[0].read_bytes()
+    expected = imported.import_weights(checkpoint, "georm")[0].read_bytes()
     torch.save(tiny, tmp_path / "bare.pth", _use_new_zipfile_serialization=False)
     save_file(tiny, tmp_path / "other.safetensors")
     for name in ("bare.pth", "other.safetensors"):
-        converted = weights_import.import_weights(tmp_path / name, "georm", tmp_path / "out" / name)[1]
+        converted = imported.import_weights(tmp_path / name, "georm", tmp_path / "out" / name)[1]
         state = checkpoints.load(folder / "instantmesh.georm.safetensors", ReconstructionConfig)[1]
         assert all(torch.equal(converted.state[key], state[key]) for key in state)
     assert (folder / "instantmesh.georm.safetensors").read_bytes() == expected
@@ -146,7 +146,7 @@ def test_a_checkpoint_that_does_not_fit_is_refused_by_name(tiny, folder, tmp_pat
     path = tmp_path / "wrong.ckpt"
     torch.save({"state_dict": tiny}, path)
     with pytest.raises(CheckpointError, match=f"wrong.ckpt: .*{line}"):
-        weights_import.import_weights(path, "georm")
+        imported.import_weights(path, "georm")
     assert main(["weights", "import", str(path), "--as", "georm"]) == 1
     assert capsys.readouterr().err.count("\n") == 1
     assert not list(folder.iterdir())
@@ -167,7 +167,7 @@ def test_code_in_a_checkpoint_is_never_run(folder, tmp_path, zipped):
     path, sprung = tmp_path / "trap.ckpt", tmp_path / "sprung"
     torch.save({"state_dict": {"a": torch.zeros(1)}, "trap": Trap(sprung)}, path, _use_new_zipfile_serialization=zipped)
     with pytest.raises(CheckpointError, match=r"trap\.ckpt: .*never run"):
-        weights_import.import_weights(path, "georm")
+        imported.import_weights(path, "georm")
     assert not sprung.exists()
 
 
@@ -189,7 +189,7 @@ def test_what_is_no_checkpoint_is_refused(folder, tmp_path, name, content, line)
     elif content is not None:
         path.write_bytes(content)
     with pytest.raises(CheckpointError, match=f"{name}: {line}"):
-        weights_import.import_weights(path, "georm")
+        imported.import_weights(path, "georm")
 
 
 def test_a_truncated_checkpoint_is_refused(checkpoint, folder):
@@ -197,17 +197,17 @@ def test_a_truncated_checkpoint_is_refused(checkpoint, folder):
     for keep in (len(whole) // 2, len(whole) - 30):
         checkpoint.write_bytes(whole[:keep])
         with pytest.raises(CheckpointError, match="damaged"):
-            weights_import.import_weights(checkpoint, "georm")
+            imported.import_weights(checkpoint, "georm")
 
 
 def test_what_holds_no_weights_is_refused(checkpoint, folder, tmp_path):
     for content in ({}, {"epoch": 3}, [torch.zeros(1)], {"state_dict": {"a": 1}}):
         torch.save(content, tmp_path / "odd.pth")
         with pytest.raises(CheckpointError, match="no table of tensors"):
-            weights_import.import_weights(tmp_path / "odd.pth", "georm")
-    ours, _ = weights_import.import_weights(checkpoint, "georm")
+            imported.import_weights(tmp_path / "odd.pth", "georm")
+    ours, _ = imported.import_weights(checkpoint, "georm")
     with pytest.raises(CheckpointError, match="nothing to import"):
-        weights_import.import_weights(ours, "georm")
+        imported.import_weights(ours, "georm")
 
 
 VIT = VitConfig(patch=8, dim=32, depth=2, heads=2, grid=4)
@@ -248,10 +248,10 @@ def in_transformers(state: dict[str, Tensor]) -> dict[str, Tensor]:
 @pytest.mark.parametrize("rename", [lambda state: state, in_transformers], ids=["hub", "transformers"])
 def test_an_imported_dino_gives_the_published_tokens(rename, folder, tmp_path, monkeypatch):
     config = MaterialEncoderConfig(VIT, (0, 0, 1, 1), image_size=32, channels=8, out_channels=4)
-    convert = functools.partial(weights_import.material_encoder_from_dino, config=config)
-    monkeypatch.setitem(weights_import.KINDS, "material-encoder", ("paper.material_encoder", convert))
+    convert = functools.partial(imported.material_encoder_from_dino, config=config)
+    monkeypatch.setitem(imported.KINDS, "material-encoder", ("paper.material_encoder", convert))
     torch.save(rename(dino()), tmp_path / "vit.pth")
-    path, _ = weights_import.import_weights(tmp_path / "vit.pth", "material-encoder")
+    path, _ = imported.import_weights(tmp_path / "vit.pth", "material-encoder")
     config, state = checkpoints.load(path, MaterialEncoderConfig)
     encoder = MaterialEncoder(config)
     checkpoints.restore(encoder, state, path)
@@ -266,7 +266,7 @@ def test_an_imported_image_encoder_is_the_plain_transformer_until_it_learns_came
     state = dino()
     config = ImageEncoderConfig(image_size=32, patch_size=8, position_grid=4, width=32, depth=2, heads=2)
     encoder = ImageEncoder(config)
-    encoder.load_state_dict(weights_import.image_encoder_from_dino(rename(state), "vit.pth", config).state)
+    encoder.load_state_dict(imported.image_encoder_from_dino(rename(state), "vit.pth", config).state)
     vit = VisionTransformer(VIT)
     vit.load_state_dict({key: tensor for key, tensor in state.items() if not key.startswith("norm.")})
     images = torch.rand(2, 3, 32, 32)
@@ -282,7 +282,7 @@ def test_materialistic_brings_its_cascade_too():
     vit = {f"dino_model.{key}": tensor for key, tensor in cut(dino(), 16).items()}
     theirs = vit | parts("materialistic_decoder_chain", "weights/")
     state = {f"net.{key}": tensor for key, tensor in theirs.items()}
-    converted = weights_import.material_encoder_from_dino(state, "file", config)
+    converted = imported.material_encoder_from_dino(state, "file", config)
     assert "rights reserved" in converted.licence
     assert torch.equal(converted.state["vit.blocks.1.attn.qkv.bias"], theirs["dino_model.blocks.1.attn.qkv.bias"])
     assert torch.equal(converted.state["fusions.0.join.conv1.weight"], theirs["fusion_1.resConfUnit1.conv1.weight"])
@@ -294,8 +294,8 @@ def test_importing_leaves_the_callers_random_numbers_alone():
     expected = torch.rand(3)
     torch.manual_seed(5)
     config = ImageEncoderConfig(image_size=32, patch_size=8, position_grid=4, width=32, depth=2, heads=2)
-    first = weights_import.image_encoder_from_dino(dino_state := dino(), "file", config).state
+    first = imported.image_encoder_from_dino(dino_state := dino(), "file", config).state
     torch.manual_seed(5)
-    again = weights_import.image_encoder_from_dino(dino_state, "file", config).state
+    again = imported.image_encoder_from_dino(dino_state, "file", config).state
     assert torch.equal(torch.rand(3), expected)
     assert all(torch.equal(first[key], again[key]) for key in first)

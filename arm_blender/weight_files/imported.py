@@ -11,15 +11,14 @@ import torch
 from safetensors import SafetensorError, safe_open
 from torch import Tensor, nn
 
-from . import checkpoints
-from .errors import CheckpointError
-from .machine.files import check_output
-from .models import key_maps
-from .models.georm import GeoRM
-from .models.image_encoder import ImageEncoder, ImageEncoderConfig
-from .models.material_encoder import MaterialEncoder, MaterialEncoderConfig
-from .models.reconstruction import INSTANTMESH, ReconstructionConfig
-from .models.triplane import Upsampler
+from ..errors import CheckpointError
+from ..machine.files import check_output
+from ..models.georm import GeoRM
+from ..models.image_encoder import ImageEncoder, ImageEncoderConfig
+from ..models.material_encoder import MaterialEncoder, MaterialEncoderConfig
+from ..models.reconstruction import INSTANTMESH, ReconstructionConfig
+from ..models.triplane import Upsampler
+from . import checkpoints, key_maps
 from .unallocated import unallocated
 
 DINO_LICENCE = "Apache-2.0"

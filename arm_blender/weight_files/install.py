@@ -9,22 +9,20 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..errors import CheckpointError, DownloadError
+from ..machine.fetch import fetch
+from ..machine.files import check_output, whole_file
+from ..progress import Progress, part, silent
 from . import checkpoints
-from .errors import CheckpointError, DownloadError
-from .machine.fetch import fetch
-from .machine.files import check_output, whole_file
-from .progress import Progress, part, silent
-from .weights_import import import_weights
-from .weights_registry import Weights
+from .imported import import_weights
+from .matting_model import MATTING, check_model
+from .registry import Weights
 
 DOWNLOADS = "downloads"
 """Beside the installed weights: what is being downloaded, as its publisher made it. It goes once it is installed."""
 
 _FETCHING = 0.95
 """Of the progress of a download; the rest is the conversion."""
-
-MATTING = "matting"
-"""The kind of weights that is taken as it is: an ONNX model."""
 
 
 @dataclass(frozen=True)
@@ -128,8 +126,6 @@ def _install(sources: tuple[Path, ...], weights: Weights, output: Path | None = 
     place = output or checkpoints.shipped(weights.name)
     check_output(place.parent)
     if weights.kind == MATTING:
-        from .views.matting import check_model
-
         check_model(source)
         known = (source.name,) == weights.choices[1]
         installed = Installed(place, source.name, weights.licence if known else "that of its publisher")

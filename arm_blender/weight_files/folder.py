@@ -6,7 +6,7 @@ Imports nothing heavy: Blender's preferences show it.
 import os
 from pathlib import Path
 
-FOLDER = Path(__file__).parent / "weights"
+FOLDER = Path(__file__).parents[1] / "weights"
 """Of what ships; an update of the program replaces it."""
 
 VARIABLE = "ARM_WEIGHTS"

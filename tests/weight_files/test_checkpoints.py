@@ -9,9 +9,9 @@ import torch
 from safetensors.torch import save_file
 from torch import nn
 
-from arm_blender import checkpoints
 from arm_blender.errors import CheckpointError
 from arm_blender.machine.config_json import config_from_dict
+from arm_blender.weight_files import checkpoints
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,11 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save as to_bytes
 from torch import Tensor, nn
 
-from .errors import CheckpointError
-from .machine.config_json import config_from_dict
-from .machine.files import whole_file
-from .weights_folder import FOLDER, folder_of
-from .weights_registry import REGISTRY, Weights
+from ..errors import CheckpointError
+from ..machine.config_json import config_from_dict
+from ..machine.files import whole_file
+from .folder import FOLDER, folder_of
+from .registry import REGISTRY, Weights
 
 Config = TypeVar("Config")
 
