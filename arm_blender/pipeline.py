@@ -19,8 +19,9 @@ from .machine.threads import cpu_threads
 from .models import random_weights
 from .models.georm import GeoRM
 from .models.glossyrm import GlossyRM
+from .models.network_views import network_views
 from .models.ray_occupancy import EncodedRays, RayOccupancy
-from .models.reconstruction import EncodedViews, network_views
+from .models.reconstruction import EncodedViews
 from .progress import SHARES, Progress, part, silent
 from .report import Report
 from .structures import MaterialMaps, RelightableAsset, TexelMap, TexelViews, TriangleMesh, UvMesh, ViewSet

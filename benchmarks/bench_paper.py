@@ -19,7 +19,7 @@ from arm_blender import networks, pipeline
 from arm_blender.config import Settings
 from arm_blender.graphics.color import srgb_from_linear
 from arm_blender.machine.precision import running_in
-from arm_blender.models.reconstruction import network_views
+from arm_blender.models.network_views import network_views
 from arm_blender.report import Report
 from arm_blender.structures import ViewSet
 from arm_blender.uv import maps

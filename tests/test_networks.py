@@ -19,7 +19,8 @@ from arm_blender.models.ffc import FfcConfig
 from arm_blender.models.image_encoder import ImageEncoderConfig
 from arm_blender.models.instant_albedo import InstantAlbedoConfig
 from arm_blender.models.material_encoder import MaterialEncoderConfig
-from arm_blender.models.reconstruction import ReconstructionConfig, network_views
+from arm_blender.models.network_views import network_views
+from arm_blender.models.reconstruction import ReconstructionConfig
 from arm_blender.models.transformer import TransformerConfig
 from arm_blender.models.triplane import DecoderConfig, UpsamplerConfig
 from arm_blender.models.unet import UnetConfig

@@ -8,15 +8,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from .feature_volume import (
-    COLORS,
-    FeatureVolumeConfig,
-    ResidualBlock,
-    cell_centers,
-    clear_of_outlines,
-    compared_colors,
-    sample_volume,
-)
+from ..graphics.voxels import cell_centers, sample_volume
+from .feature_volume import COLORS, FeatureVolumeConfig, ResidualBlock, clear_of_outlines, compared_colors
 from .pixel_aligned import ViewFeatures
 from .visual_hull import Outlines, hull_vote
 

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+from ..graphics.voxels import cell_centers
 from .pixel_aligned import ViewFeatures
 
 GEOMETRY = 11
@@ -48,13 +49,6 @@ class FeatureVolumeConfig:
     def color_side(self, side: int) -> int:
         """Pixels a side of the colours that are compared, in pictures of `side` pixels: about a cell each."""
         return side // 2 if self.detail else side // 4
-
-
-def cell_centers(grid: int, device: torch.device) -> Tensor:
-    """(grid**3, 3) world centres of the cells, x fastest."""
-    axis = (torch.arange(grid, device=device) + 0.5) / grid * 2.0 - 1.0
-    z, y, x = torch.meshgrid(axis, axis, axis, indexing="ij")
-    return torch.stack([x, y, z], dim=-1).reshape(-1, 3)
 
 
 class ResidualBlock(nn.Module):
@@ -186,12 +180,6 @@ def compared_colors(found: Tensor, front: Tensor, framed: Tensor, seen: float = 
     mean = (weight * color).sum(dim=1) / (total + 1e-3)
     variance = (weight * (color - mean.unsqueeze(1)).square()).sum(dim=1) / (total + 1e-3)
     return torch.cat([2.0 * mean, ((variance + 1e-5).sqrt() * 8.0).tanh(), total / 3.0], dim=-1)
-
-
-def sample_volume(volume: Tensor, points: Tensor) -> Tensor:
-    """(B, P, C) trilinear features of a volume (B, C, G, G, G) at world points (B, P, 3) of the box."""
-    found = F.grid_sample(volume, points[:, :, None, None], padding_mode="border", align_corners=False)
-    return found[..., 0, 0].transpose(1, 2)
 
 
 def plane_columns(volume: Tensor) -> Tensor:

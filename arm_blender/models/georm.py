@@ -7,7 +7,8 @@ import torch
 from torch import Tensor, nn
 
 from ..progress import Progress, silent
-from .reconstruction import EncodedViews, NetworkViews, ReconstructionConfig, ReconstructionModel
+from .network_views import NetworkViews
+from .reconstruction import EncodedViews, ReconstructionConfig, ReconstructionModel
 from .silhouette_fill import filled
 from .visual_hull import hull_vote
 

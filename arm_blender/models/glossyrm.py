@@ -5,7 +5,8 @@ The architecture of GeoRM, and its weights to start from; decoded per texel at i
 
 from torch import Tensor, nn
 
-from .reconstruction import EncodedViews, NetworkViews, ReconstructionConfig, ReconstructionModel
+from .network_views import NetworkViews
+from .reconstruction import EncodedViews, ReconstructionConfig, ReconstructionModel
 
 
 class GlossyRM(nn.Module):

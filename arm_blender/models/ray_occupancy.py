@@ -17,7 +17,7 @@ from torch.nn import functional as F
 
 from ..graphics.cameras import look_at
 from ..progress import Progress, silent
-from .reconstruction import NetworkViews
+from .network_views import NetworkViews
 from .silhouette_fill import filled
 from .unet import Unet, UnetConfig
 from .visual_hull import NEAREST, VOTE_OUTSIDE, Outlines

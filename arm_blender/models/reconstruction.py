@@ -4,22 +4,22 @@
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Literal, Protocol
+from typing import Literal
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
 from ..graphics.cameras import front_on_x
-from ..graphics.color import composite, srgb_from_linear
-from ..structures import ViewSet, stack_cameras
+from ..graphics.voxels import sample_volume
 from .detail_volume import DetailVolume
-from .feature_volume import FeatureVolume, FeatureVolumeConfig, object_colors, plane_columns, sample_volume
+from .feature_volume import FeatureVolume, FeatureVolumeConfig, object_colors, plane_columns
 from .image_encoder import ImageEncoder, ImageEncoderConfig, camera_embedding
+from .network_views import NetworkViews
 from .pixel_aligned import FeaturePyramid, PixelAlignedConfig, PointReader, ViewFeatures
 from .transformer import TransformerConfig, TriplaneTransformer
 from .triplane import DecoderConfig, Upsampler, UpsamplerConfig, decoder, sample_planes
-from .visual_hull import Outlines, signed_silhouette_distance
+from .visual_hull import Outlines
 
 
 @dataclass(frozen=True)
@@ -75,72 +75,6 @@ SMALL_GLOSSY = replace(SMALL, volume=replace(SMALL.volume, detail=0))
 
 SMALL_TRIPLANE = replace(SMALL, pixel_aligned=None, volume=None)
 """The paper's form at the size of `small`, for an ablation: without volumes and hull, which read those features."""
-
-
-@dataclass(frozen=True)
-class NetworkViews:
-    """Views as the network takes them. B objects of V views each, square images of S pixels.
-
-    Attributes:
-        images: (B, V, 4, S, S): sRGB in [0, 1] composited on the background, then coverage.
-        silhouette: (B, V, 2, H, H): coverage and signed silhouette distance in pixels, at the views' own resolution.
-        c2w: (B, V, 4, 4).
-        K: (B, V, 3, 3) pixels of an image of H.
-    """
-
-    images: Tensor
-    silhouette: Tensor
-    c2w: Tensor
-    K: Tensor
-
-
-class PictureConfig(Protocol):
-    """What of a network's configuration pictures are made by.
-
-    Attributes:
-        image_size: pixels a side of the network's input.
-        background: grey level (sRGB) behind the object.
-    """
-
-    image_size: int
-    background: float
-
-
-def network_views(views: ViewSet, config: PictureConfig, silhouette_size: int = 320) -> NetworkViews:
-    """One object's views as the network takes them, B = 1: padded to a square, composited, resized.
-
-    Args:
-        views: linear, straight alpha, of any size and shape; square pixels.
-        config: of the network.
-        silhouette_size: pixels a side of the silhouettes at most; smaller views keep their size.
-    """
-    images, (c2w, K) = views.images, stack_cameras(views.cameras)
-    height, width = images.shape[-2:]
-    if height != width:
-        side = max(height, width)
-        left, top = (side - width) // 2, (side - height) // 2
-        images = F.pad(images, (left, side - width - left, top, side - height - top))
-        K = K + K.new_tensor([[0.0, 0.0, left], [0.0, 0.0, top], [0.0, 0.0, 0.0]])
-    side = images.shape[-1]
-    alpha = images[:, 3:]
-    color = composite(srgb_from_linear(images[:, :3]), alpha, config.background)
-
-    def resize(x: Tensor, size: int) -> Tensor:
-        return (
-            x
-            if size == x.shape[-1]
-            else F.interpolate(x, size=(size, size), mode="bicubic", antialias=True, align_corners=False).clamp(
-                0.0, 1.0
-            )
-        )
-
-    size = config.image_size
-    fine = min(side, silhouette_size)
-    coverage = resize(alpha, fine)
-    silhouette = torch.cat([coverage, signed_silhouette_distance(coverage[:, 0]).unsqueeze(1)], dim=1)
-    K = torch.cat([K[:, :2] * (fine / side), K[:, 2:]], dim=1)
-    network = torch.cat([resize(color, size), resize(alpha, size)], dim=1)
-    return NetworkViews(network[None], silhouette[None], c2w[None], K[None])
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from ..graphics.voxels import cell_centers, sample_volume
 from ..progress import Progress, silent
-from .feature_volume import cell_centers, sample_volume
 from .visual_hull import Outlines
 
 GRID = 64

@@ -14,7 +14,7 @@ from arm_blender.graphics.isosurface import IsosurfaceConfig, extract
 from arm_blender.graphics.rasterize import rasterize
 from arm_blender.models import silhouette_fill
 from arm_blender.models.georm import GeoRM
-from arm_blender.models.reconstruction import network_views
+from arm_blender.models.network_views import network_views
 from arm_blender.structures import ViewSet
 from arm_blender.views.rigs import zero123plus_rig
 from arm_blender.weight_files import checkpoints

@@ -8,11 +8,12 @@ from torch import Tensor
 
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.graphics.rasterize import interpolate, rasterize_views
+from arm_blender.graphics.voxels import cell_centers
 from arm_blender.models.detail_volume import COLORS, GEOMETRY, SEEN, DetailVolume, meets
-from arm_blender.models.feature_volume import FeatureVolumeConfig, cell_centers, halved, object_colors
+from arm_blender.models.feature_volume import FeatureVolumeConfig, halved, object_colors
 from arm_blender.models.georm import GeoRM
+from arm_blender.models.network_views import network_views
 from arm_blender.models.pixel_aligned import ViewFeatures
-from arm_blender.models.reconstruction import network_views
 from arm_blender.models.visual_hull import Outlines, signed_silhouette_distance
 from arm_blender.structures import TriangleMesh, stack_cameras
 

@@ -13,8 +13,8 @@ from arm_blender.models import silhouette_fill
 from arm_blender.models.feature_volume import FeatureVolumeConfig
 from arm_blender.models.georm import GeoRM
 from arm_blender.models.glossyrm import GlossyRM
+from arm_blender.models.network_views import network_views
 from arm_blender.models.pixel_aligned import PixelAlignedConfig
-from arm_blender.models.reconstruction import network_views
 from arm_blender.structures import ViewSet
 
 from .test_reconstruction import TINY, ball_views, points

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from arm_blender.graphics.cameras import Camera, orbit_camera, project
+from arm_blender.models.network_views import NetworkViews, network_views
 from arm_blender.models.ray_occupancy import (
     BALL,
     LOCAL,
@@ -18,7 +19,6 @@ from arm_blender.models.ray_occupancy import (
     RayOccupancyConfig,
     look,
 )
-from arm_blender.models.reconstruction import NetworkViews, network_views
 from arm_blender.models.unet import UnetConfig
 from arm_blender.models.visual_hull import Outlines
 from arm_blender.structures import ViewSet

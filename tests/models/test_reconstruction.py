@@ -8,19 +8,14 @@ import torch
 from scipy.ndimage import distance_transform_edt
 
 from arm_blender.graphics.cameras import front_on_x, orbit_camera
-from arm_blender.models.feature_volume import (
-    COLORS,
-    FeatureVolumeConfig,
-    compared_colors,
-    object_colors,
-    plane_columns,
-    sample_volume,
-)
+from arm_blender.graphics.voxels import sample_volume
+from arm_blender.models.feature_volume import COLORS, FeatureVolumeConfig, compared_colors, object_colors, plane_columns
 from arm_blender.models.georm import ISO_DENSITY, GeoRM
 from arm_blender.models.glossyrm import GlossyRM
 from arm_blender.models.image_encoder import ImageEncoderConfig
+from arm_blender.models.network_views import network_views
 from arm_blender.models.pixel_aligned import PixelAlignedConfig
-from arm_blender.models.reconstruction import PAPER, SMALL, ReconstructionConfig, network_views
+from arm_blender.models.reconstruction import PAPER, SMALL, ReconstructionConfig
 from arm_blender.models.transformer import TransformerConfig
 from arm_blender.models.triplane import DecoderConfig, UpsamplerConfig, sample_planes
 from arm_blender.models.visual_hull import signed_silhouette_distance

@@ -10,8 +10,8 @@ from arm_blender.graphics.cameras import Camera
 from arm_blender.graphics.isosurface import IsosurfaceConfig, extract
 from arm_blender.graphics.meshes import face_normals
 from arm_blender.graphics.rasterize import rasterize_views
-from arm_blender.models.feature_volume import sample_volume
-from arm_blender.models.reconstruction import network_views
+from arm_blender.graphics.voxels import sample_volume
+from arm_blender.models.network_views import network_views
 from arm_blender.models.silhouette_fill import MOST, ROUNDS, fill
 from arm_blender.models.visual_hull import Outlines
 from arm_blender.structures import TriangleMesh

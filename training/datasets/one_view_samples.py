@@ -14,8 +14,9 @@ from torch import Tensor
 
 from arm_blender.graphics.cameras import Camera, orbit_camera, unproject
 from arm_blender.graphics.rasterize import Fragments, rasterize_views
+from arm_blender.models.network_views import NetworkViews
 from arm_blender.models.ray_occupancy import Frustum
-from arm_blender.models.reconstruction import SMALL, NetworkViews
+from arm_blender.models.reconstruction import SMALL
 from arm_blender.structures import stack_cameras
 
 from .. import distributed

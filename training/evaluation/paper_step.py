@@ -23,7 +23,8 @@ from arm_blender.models.georm import RAW_ISO, GeoRM
 from arm_blender.models.glossyrm import GlossyRM
 from arm_blender.models.instant_albedo import PAPER as PAPER_ALBEDO
 from arm_blender.models.instant_albedo import InstantAlbedo
-from arm_blender.models.reconstruction import PAPER, EncodedViews, NetworkViews
+from arm_blender.models.network_views import NetworkViews
+from arm_blender.models.reconstruction import PAPER, EncodedViews
 from arm_blender.report import own_peak_mib
 from arm_blender.structures import TexelMap, TexelViews, stack_cameras
 

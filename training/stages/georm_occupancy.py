@@ -16,7 +16,8 @@ from torch.nn import functional as F
 
 from arm_blender.errors import ArmError
 from arm_blender.models.georm import GeoRM
-from arm_blender.models.reconstruction import SMALL, SMALL_TRIPLANE, EncodedViews, NetworkViews
+from arm_blender.models.network_views import NetworkViews
+from arm_blender.models.reconstruction import SMALL, SMALL_TRIPLANE, EncodedViews
 from arm_blender.models.visual_hull import Outlines
 from arm_blender.weight_files import checkpoints
 

@@ -16,8 +16,9 @@ from torch.nn import functional as F
 from arm_blender.errors import ArmError
 from arm_blender.models.georm import GeoRM
 from arm_blender.models.glossyrm import GlossyRM
+from arm_blender.models.network_views import NetworkViews
 from arm_blender.models.pixel_aligned import ViewFeatures
-from arm_blender.models.reconstruction import EncodedViews, NetworkViews
+from arm_blender.models.reconstruction import EncodedViews
 from arm_blender.models.visual_hull import Outlines
 
 from ..datasets.outline_samples import HULL_SIDE
