@@ -7,12 +7,12 @@ from typing import Literal
 import torch
 
 from .errors import ArmError
-from .graphics.fairing import FairingConfig
+from .graphics.surface.fairing import FairingConfig
 from .machine.precision import PRECISIONS, PrecisionName
-from .models import instant_albedo, reconstruction
-from .models.instant_albedo import InstantAlbedoConfig
-from .models.ray_occupancy import RayOccupancyConfig
-from .models.reconstruction import ReconstructionConfig
+from .models.paper import instant_albedo, reconstruction
+from .models.paper.instant_albedo import InstantAlbedoConfig
+from .models.paper.reconstruction import ReconstructionConfig
+from .models.small.ray_occupancy import RayOccupancyConfig
 from .uv.blend import BLENDS
 from .weight_files import checkpoints
 

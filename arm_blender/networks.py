@@ -15,12 +15,12 @@ from .config import PRESETS, Settings
 from .errors import CheckpointError
 from .machine.interruptible import interruptible
 from .machine.precision import chosen, running_in
-from .models.georm import GeoRM
-from .models.glossyrm import GlossyRM
-from .models.instant_albedo import InstantAlbedo, InstantAlbedoConfig
+from .models.paper.georm import GeoRM
+from .models.paper.glossyrm import GlossyRM
+from .models.paper.instant_albedo import InstantAlbedo, InstantAlbedoConfig
+from .models.paper.reconstruction import ReconstructionConfig
 from .models.random_weights import random_state
-from .models.ray_occupancy import RayOccupancy, RayOccupancyConfig
-from .models.reconstruction import ReconstructionConfig
+from .models.small.ray_occupancy import RayOccupancy, RayOccupancyConfig
 from .report import Report
 from .weight_files import checkpoints
 from .weight_files.unallocated import unallocated

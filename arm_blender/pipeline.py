@@ -11,17 +11,17 @@ import torch
 from . import networks
 from .config import PRESETS, Settings
 from .errors import CheckpointError, EmptyMeshError
-from .graphics.fairing import fair
-from .graphics.isosurface import extract
-from .graphics.sample_grid import Density, IsosurfaceConfig
+from .graphics.surface.fairing import fair
+from .graphics.surface.isosurface import extract
+from .graphics.surface.sample_grid import Density, IsosurfaceConfig
 from .machine.memory import lower_if_short
 from .machine.threads import cpu_threads
 from .models import random_weights
-from .models.georm import GeoRM
-from .models.glossyrm import GlossyRM
 from .models.network_views import network_views
-from .models.ray_occupancy import EncodedRays, RayOccupancy
-from .models.reconstruction import EncodedViews
+from .models.paper.georm import GeoRM
+from .models.paper.glossyrm import GlossyRM
+from .models.paper.reconstruction import EncodedViews
+from .models.small.ray_occupancy import EncodedRays, RayOccupancy
 from .progress import SHARES, Progress, part, silent
 from .report import Report
 from .structures import MaterialMaps, RelightableAsset, TexelMap, TexelViews, TriangleMesh, UvMesh, ViewSet

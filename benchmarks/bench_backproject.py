@@ -11,7 +11,7 @@ from pathlib import Path
 import torch
 
 from arm_blender.graphics.color import linear_from_srgb
-from arm_blender.graphics.rasterize import interpolate, rasterize_views
+from arm_blender.graphics.raster.rasterize import interpolate, rasterize_views
 from arm_blender.structures import UvMesh, ViewSet
 from arm_blender.uv.backproject import backproject
 from arm_blender.uv.blend import blend

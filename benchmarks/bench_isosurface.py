@@ -7,8 +7,8 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from arm_blender.graphics.isosurface import IsosurfaceConfig, extract
-from arm_blender.graphics.sample_grid import Density
+from arm_blender.graphics.surface.isosurface import IsosurfaceConfig, extract
+from arm_blender.graphics.surface.sample_grid import Density
 from arm_blender.structures import TriangleMesh
 from training.evaluation.results import markdown_table, paragraphs
 

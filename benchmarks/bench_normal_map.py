@@ -18,7 +18,7 @@ from arm_blender import pipeline
 from arm_blender.config import QUALITIES, Settings
 from arm_blender.graphics.cameras import Camera
 from arm_blender.graphics.meshes import angle_weighted_normals
-from arm_blender.graphics.rasterize import Fragments, interpolate, rasterize
+from arm_blender.graphics.raster.rasterize import Fragments, interpolate, rasterize
 from arm_blender.graphics.tangents import corner_tangents
 from arm_blender.progress import silent
 from arm_blender.report import Report

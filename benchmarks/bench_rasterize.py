@@ -8,7 +8,7 @@ import trimesh
 from torch import Tensor
 
 from arm_blender.graphics.cameras import orbit_camera
-from arm_blender.graphics.rasterize import rasterize, rasterize_uv, rasterize_views
+from arm_blender.graphics.raster.rasterize import rasterize, rasterize_uv, rasterize_views
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 from training.evaluation.results import markdown_table, paragraphs
 

@@ -7,8 +7,8 @@ from torch import Tensor
 
 from arm_blender import pipeline
 from arm_blender.config import Settings
-from arm_blender.graphics.isosurface import IsosurfaceConfig, extract
-from arm_blender.graphics.sample_grid import Density
+from arm_blender.graphics.surface.isosurface import IsosurfaceConfig, extract
+from arm_blender.graphics.surface.sample_grid import Density
 from arm_blender.report import Report
 from arm_blender.structures import TriangleMesh
 from arm_blender.uv.decimate import clean, decimate

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from arm_blender.graphics.rasterize import rasterize_uv
+from arm_blender.graphics.raster.rasterize import rasterize_uv
 from arm_blender.structures import UvMesh
 from benchmarks.atlas_quality import atlas_quality
 from benchmarks.bench_isosurface import hausdorff_cells

@@ -11,12 +11,12 @@ from PIL import Image
 from arm_blender import pipeline
 from arm_blender.config import Settings
 from arm_blender.errors import CheckpointError, InputImageError
+from arm_blender.graphics import silhouette_fill
 from arm_blender.graphics.cameras import orbit_camera
-from arm_blender.models import silhouette_fill
-from arm_blender.models.georm import GeoRM
-from arm_blender.models.glossyrm import GlossyRM
-from arm_blender.models.instant_albedo import InstantAlbedo
-from arm_blender.models.ray_occupancy import RayOccupancy
+from arm_blender.models.paper.georm import GeoRM
+from arm_blender.models.paper.glossyrm import GlossyRM
+from arm_blender.models.paper.instant_albedo import InstantAlbedo
+from arm_blender.models.small.ray_occupancy import RayOccupancy
 from arm_blender.structures import TriangleMesh, ViewSet
 from arm_blender.views import load_views
 

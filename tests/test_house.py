@@ -24,7 +24,7 @@ LAYERS = [  # A module imports from its own layer and from earlier ones.
     {"models", "uv"},
     {"weight_files"},
     {"views"},
-    {"config", "quality_levels", "report", "export", "placement"},
+    {"config", "quality_levels", "report", "export"},
     {"networks"},
     {"pipeline", "run"},
     {"blender", "commands", "__main__", "__init__"},

@@ -14,11 +14,11 @@ from torch.utils.checkpoint import checkpoint
 
 from arm_blender.errors import EmptyMeshError
 from arm_blender.graphics.cameras import Camera
-from arm_blender.graphics.differentiable import antialias, with_gradient
-from arm_blender.graphics.isosurface import crossed_edges, vertices_from_densities
 from arm_blender.graphics.meshes import vertex_normals
-from arm_blender.graphics.rasterize import interpolate, rasterize_views
-from arm_blender.graphics.sample_grid import IsosurfaceConfig
+from arm_blender.graphics.raster.differentiable import antialias, with_gradient
+from arm_blender.graphics.raster.rasterize import interpolate, rasterize_views
+from arm_blender.graphics.surface.isosurface import crossed_edges, vertices_from_densities
+from arm_blender.graphics.surface.sample_grid import IsosurfaceConfig
 
 from .losses import SurfaceMaps
 from .volume_rendering import RawDensity

@@ -5,7 +5,7 @@ import numpy as np
 import torch
 
 from ..graphics.color import srgb_from_linear
-from ..graphics.rasterize import interpolate, rasterize
+from ..graphics.raster.rasterize import interpolate, rasterize
 from ..graphics.textures import sample_texture
 from ..structures import RelightableAsset
 from ..views.rigs import zero123plus_rig

@@ -6,8 +6,8 @@ import bpy
 import torch
 
 from ..errors import ArmError
-from ..placement import on_the_ground
 from ..version import VERSION
+from ..views.placement import on_the_ground
 from ..views.scene_frame import IDENTITY, SceneFrame
 from .asset_preview import mark_as_asset
 from .generation import Generated, GenerationRequest

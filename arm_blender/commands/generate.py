@@ -152,9 +152,9 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
     check_output(args.output)
     report = run_of.begin(args.preset, args.device, args.seed, progress)
     from ..export import write_asset, written_names
-    from ..placement import on_the_ground
     from ..uv.mesh_file import read_mesh
     from ..views import load_views
+    from ..views.placement import on_the_ground
 
     settings, options, kinds = settings_of(args), view_options_of(args), formats_of(args)
 

@@ -8,8 +8,8 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from ..graphics.color import composite, srgb_from_linear
+from ..graphics.visual_hull import signed_silhouette_distance
 from ..structures import ViewSet, stack_cameras
-from .visual_hull import signed_silhouette_distance
 
 
 @dataclass(frozen=True)

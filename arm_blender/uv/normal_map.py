@@ -7,8 +7,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from ..graphics.meshes import angle_weighted_normals
-from ..graphics.rasterize import Fragments, interpolate, rasterize_uv
-from ..graphics.rays import MISS, nearest_hits
+from ..graphics.raster.rasterize import Fragments, interpolate, rasterize_uv
+from ..graphics.raster.rays import MISS, nearest_hits
 from ..graphics.tangents import corner_tangents
 from ..structures import TriangleMesh, UvMesh
 from .maps import pad

@@ -3,7 +3,7 @@
 import torch
 
 from ..graphics.meshes import face_normals, vertex_normals
-from ..graphics.rasterize import interpolate, rasterize_uv
+from ..graphics.raster.rasterize import interpolate, rasterize_uv
 from ..structures import TexelMap, UvMesh
 
 

@@ -8,7 +8,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from ..graphics.cameras import Camera, project
-from ..graphics.rasterize import rasterize
+from ..graphics.raster.rasterize import rasterize
 from ..structures import UvMesh
 
 

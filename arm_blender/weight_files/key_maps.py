@@ -12,8 +12,8 @@ import torch
 from torch import Tensor
 
 from ..errors import CheckpointError
-from ..models.georm import RAW_ISO
-from ..models.reconstruction import ReconstructionConfig
+from ..models.paper.georm import RAW_ISO
+from ..models.paper.reconstruction import ReconstructionConfig
 
 
 @dataclass(frozen=True)

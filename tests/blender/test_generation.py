@@ -11,7 +11,7 @@ from arm_blender import pipeline
 from arm_blender.blender.generation import CameraPicture, GenerationRequest, OwnMesh, generate, view_of_camera
 from arm_blender.errors import Cancelled
 from arm_blender.graphics.color import srgb_from_linear
-from arm_blender.graphics.rasterize import rasterize
+from arm_blender.graphics.raster.rasterize import rasterize
 from arm_blender.progress import silent
 from arm_blender.structures import MaterialMaps, RelightableAsset, TriangleMesh, UvMesh
 from arm_blender.views.image_io import write_png

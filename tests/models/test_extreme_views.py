@@ -7,17 +7,17 @@ import torch
 from torch import Tensor
 
 from arm_blender.errors import EmptyMeshError
+from arm_blender.graphics import silhouette_fill
 from arm_blender.graphics.cameras import orbit_camera
-from arm_blender.graphics.isosurface import IsosurfaceConfig, extract
-from arm_blender.models import silhouette_fill
-from arm_blender.models.feature_volume import FeatureVolumeConfig
-from arm_blender.models.georm import GeoRM
-from arm_blender.models.glossyrm import GlossyRM
+from arm_blender.graphics.surface.isosurface import IsosurfaceConfig, extract
 from arm_blender.models.network_views import network_views
-from arm_blender.models.pixel_aligned import PixelAlignedConfig
+from arm_blender.models.paper.georm import GeoRM
+from arm_blender.models.paper.glossyrm import GlossyRM
+from arm_blender.models.small.feature_volume import FeatureVolumeConfig
+from arm_blender.models.small.pixel_aligned import PixelAlignedConfig
 from arm_blender.structures import ViewSet
 
-from .test_reconstruction import TINY, ball_views, points
+from .paper.test_reconstruction import TINY, ball_views, points
 
 FULL = replace(
     TINY,

@@ -4,11 +4,11 @@ import pytest
 import torch
 from torch import nn
 
-from arm_blender.graphics.isosurface import IsosurfaceConfig, extract
-from arm_blender.models.georm import GeoRM
-from arm_blender.models.glossyrm import GlossyRM
+from arm_blender.graphics.surface.isosurface import IsosurfaceConfig, extract
+from arm_blender.models.paper.georm import GeoRM
+from arm_blender.models.paper.glossyrm import GlossyRM
+from arm_blender.models.paper.reconstruction import SMALL
 from arm_blender.models.random_weights import DENTS, RADIUS, dented_ball, random_state
-from arm_blender.models.reconstruction import SMALL
 
 
 def test_a_seed_is_one_state_and_leaves_the_callers_random_numbers():

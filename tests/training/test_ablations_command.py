@@ -6,7 +6,7 @@ from typing import get_args
 import pytest
 
 from arm_blender import pipeline
-from arm_blender.models.instant_albedo import Ablation
+from arm_blender.models.paper.instant_albedo import Ablation
 from arm_blender.report import Report
 from arm_blender.structures import MaterialMaps, RelightableAsset
 from training.__main__ import main

@@ -3,9 +3,9 @@
 import pytest
 import torch
 
-from arm_blender.models.georm import GeoRM
 from arm_blender.models.network_views import NetworkViews
-from arm_blender.models.reconstruction import PAPER
+from arm_blender.models.paper.georm import GeoRM
+from arm_blender.models.paper.reconstruction import PAPER
 from training import blocks
 from training.kept_memory import kept_by
 

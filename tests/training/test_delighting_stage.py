@@ -8,12 +8,12 @@ import pytest
 import torch
 from torch.nn import functional
 
-from arm_blender.graphics.spherical_harmonics import COUNT, WHITE, gathered
-from arm_blender.models.delighting import REFLECTED, Delighting, DelightingConfig, SeenPoints
-from arm_blender.models.georm import GeoRM
-from arm_blender.models.instant_albedo import SMALL as SMALL_ALBEDO
-from arm_blender.models.instant_albedo import InstantAlbedo
-from arm_blender.models.reconstruction import SMALL
+from arm_blender.graphics.light.spherical_harmonics import COUNT, WHITE, gathered
+from arm_blender.models.paper.georm import GeoRM
+from arm_blender.models.paper.instant_albedo import SMALL as SMALL_ALBEDO
+from arm_blender.models.paper.instant_albedo import InstantAlbedo
+from arm_blender.models.paper.reconstruction import SMALL
+from arm_blender.models.small.delighting import REFLECTED, Delighting, DelightingConfig, SeenPoints
 from arm_blender.weight_files import checkpoints
 from training import __main__ as command
 from training.datasets import delighting_samples, shards

@@ -15,7 +15,7 @@ from arm_blender.config import QUALITIES
 from arm_blender.errors import EmptyMeshError
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.graphics.color import linear_from_srgb, srgb_from_linear
-from arm_blender.graphics.rasterize import interpolate, rasterize
+from arm_blender.graphics.raster.rasterize import interpolate, rasterize
 from arm_blender.report import Report
 from arm_blender.structures import MaterialMaps, RelightableAsset, TriangleMesh, ViewSet
 from arm_blender.uv.blend import BLENDS

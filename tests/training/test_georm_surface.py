@@ -6,8 +6,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from arm_blender.models.georm import GeoRM
-from arm_blender.models.reconstruction import SMALL, ReconstructionConfig
+from arm_blender.models.paper.georm import GeoRM
+from arm_blender.models.paper.reconstruction import SMALL, ReconstructionConfig
 from arm_blender.weight_files import checkpoints
 from training import __main__ as command
 from training.datasets import view_samples

@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 import torch
 
-from arm_blender.models.georm import RAW_ISO, GeoRM
 from arm_blender.models.network_views import NetworkViews
-from arm_blender.models.reconstruction import PAPER, SMALL, ReconstructionConfig
+from arm_blender.models.paper.georm import RAW_ISO, GeoRM
+from arm_blender.models.paper.reconstruction import PAPER, SMALL, ReconstructionConfig
 from arm_blender.weight_files import checkpoints
 from training import __main__ as command
 from training.datasets import view_samples

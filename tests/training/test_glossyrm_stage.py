@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import torch
 
-from arm_blender.models.georm import GeoRM
-from arm_blender.models.glossyrm import GlossyRM
-from arm_blender.models.reconstruction import SMALL, SMALL_GLOSSY, ReconstructionConfig
+from arm_blender.models.paper.georm import GeoRM
+from arm_blender.models.paper.glossyrm import GlossyRM
+from arm_blender.models.paper.reconstruction import SMALL, SMALL_GLOSSY, ReconstructionConfig
 from arm_blender.weight_files import checkpoints
 from training import __main__ as command
 from training.datasets import gloss_samples, shards, view_samples

@@ -6,7 +6,7 @@ import torch
 import trimesh
 
 from arm_blender.graphics.cameras import orbit_camera
-from arm_blender.graphics.rasterize import interpolate, rasterize_views
+from arm_blender.graphics.raster.rasterize import interpolate, rasterize_views
 from training.datasets import outline_samples
 
 SIZE = 96

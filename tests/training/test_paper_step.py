@@ -6,7 +6,7 @@ from dataclasses import asdict
 import pytest
 import torch
 
-from arm_blender.models.georm import GeoRM
+from arm_blender.models.paper.georm import GeoRM
 from training import __main__ as command
 from training.evaluation import paper_step
 from training.evaluation.paper_step import Run, kept_without_memory, run_step

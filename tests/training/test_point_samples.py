@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from arm_blender.graphics.cameras import orbit_camera
-from arm_blender.models.visual_hull import Outlines
+from arm_blender.graphics.visual_hull import Outlines
 from training.datasets.point_samples import NetworkViews, augmented, batched, depth_loss, drop_views, load_occupancy
 
 SIZE, RADIUS, CENTER = 64, 0.3, (0.3, 0.1, -0.2)

@@ -5,9 +5,9 @@ import pytest
 import torch
 import trimesh
 
-from arm_blender.models.ray_occupancy import RayOccupancy, RayOccupancyConfig
+from arm_blender.graphics.visual_hull import Outlines, signed_silhouette_distance
+from arm_blender.models.small.ray_occupancy import RayOccupancy, RayOccupancyConfig
 from arm_blender.models.unet import UnetConfig
-from arm_blender.models.visual_hull import Outlines, signed_silhouette_distance
 from arm_blender.structures import TriangleMesh
 from arm_blender.weight_files import checkpoints
 from training import __main__ as command

@@ -9,9 +9,9 @@ import torch
 import trimesh
 
 from arm_blender.graphics.cameras import orbit_camera
-from arm_blender.graphics.rasterize import interpolate, rasterize
-from arm_blender.models.georm import GeoRM
-from arm_blender.models.reconstruction import SMALL
+from arm_blender.graphics.raster.rasterize import interpolate, rasterize
+from arm_blender.models.paper.georm import GeoRM
+from arm_blender.models.paper.reconstruction import SMALL
 from arm_blender.structures import TriangleMesh, UvMesh
 from arm_blender.uv.unwrap import UnwrapConfig
 from arm_blender.weight_files import checkpoints

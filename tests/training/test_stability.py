@@ -7,9 +7,9 @@ import torch
 
 from arm_blender.config import PRESETS, Settings
 from arm_blender.graphics.cameras import orbit_camera, project
-from arm_blender.graphics.isosurface import IsosurfaceConfig, extract
-from arm_blender.graphics.rasterize import rasterize
-from arm_blender.models.reconstruction import ReconstructionConfig
+from arm_blender.graphics.raster.rasterize import rasterize
+from arm_blender.graphics.surface.isosurface import IsosurfaceConfig, extract
+from arm_blender.models.paper.reconstruction import ReconstructionConfig
 from arm_blender.structures import TriangleMesh
 from arm_blender.weight_files import checkpoints
 from training.evaluation.ball import RADIUS, VOLUME, ball, open_edges, volume

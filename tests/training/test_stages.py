@@ -9,9 +9,9 @@ import torch
 import trimesh
 
 from arm_blender.graphics.cameras import orbit_camera
-from arm_blender.models.georm import GeoRM
-from arm_blender.models.glossyrm import GlossyRM
-from arm_blender.models.reconstruction import SMALL, SMALL_TRIPLANE, EncodedViews, ReconstructionConfig
+from arm_blender.models.paper.georm import GeoRM
+from arm_blender.models.paper.glossyrm import GlossyRM
+from arm_blender.models.paper.reconstruction import SMALL, SMALL_TRIPLANE, EncodedViews, ReconstructionConfig
 from arm_blender.weight_files import checkpoints
 from training import __main__ as command
 from training.datasets import outline_samples, point_samples

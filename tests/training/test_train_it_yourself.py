@@ -21,7 +21,7 @@ from PIL import Image
 import training.__main__ as command
 from arm_blender.__main__ import parser as arm_parser
 from arm_blender.config import Settings
-from arm_blender.models.reconstruction import ReconstructionConfig
+from arm_blender.models.paper.reconstruction import ReconstructionConfig
 from arm_blender.weight_files import checkpoints
 from training.datasets.point_samples import is_held_out
 

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from arm_blender.graphics.cameras import Camera, orbit_camera, project
-from arm_blender.graphics.rasterize import interpolate, rasterize
+from arm_blender.graphics.raster.rasterize import interpolate, rasterize
 from arm_blender.structures import TexelMap, UvMesh, ViewSet
 from arm_blender.uv.backproject import backproject, texture_size_for
 from arm_blender.uv.blend import blend

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from arm_blender.errors import EmptyMeshError
 from arm_blender.graphics.connectivity import manifold_pairs
-from arm_blender.graphics.isosurface import IsosurfaceConfig, extract
+from arm_blender.graphics.surface.isosurface import IsosurfaceConfig, extract
 from arm_blender.structures import TriangleMesh
 from arm_blender.uv.decimate import clean, decimate
 

@@ -8,7 +8,7 @@ import trimesh
 from torch.nn import functional
 
 from arm_blender.graphics.meshes import angle_weighted_normals
-from arm_blender.graphics.rasterize import interpolate, rasterize_uv
+from arm_blender.graphics.raster.rasterize import interpolate, rasterize_uv
 from arm_blender.graphics.tangents import corner_tangents
 from arm_blender.structures import TriangleMesh, UvMesh
 from arm_blender.uv.normal_map import bake_normal_map

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from arm_blender.errors import Cancelled, UnwrapError
 from arm_blender.graphics.connectivity import components, half_edges, manifold_pairs
-from arm_blender.graphics.isosurface import IsosurfaceConfig, extract
+from arm_blender.graphics.surface.isosurface import IsosurfaceConfig, extract
 from arm_blender.structures import TriangleMesh, UvMesh
 from arm_blender.uv import unwrap as unwrap_module
 from arm_blender.uv.charts import SMALL, projection_charts, smooth_charts

@@ -6,7 +6,7 @@ import trimesh
 
 from arm_blender.errors import EmptyMeshError
 from arm_blender.graphics.cameras import project
-from arm_blender.graphics.rasterize import rasterize
+from arm_blender.graphics.raster.rasterize import rasterize
 from arm_blender.structures import TriangleMesh, ViewSet
 from arm_blender.views.mesh_fit import fit_to_views
 from arm_blender.views.rigs import front_camera, zero123plus_rig

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.graphics.connectivity import components, face_components
-from arm_blender.graphics.rasterize import rasterize_views
+from arm_blender.graphics.raster.rasterize import rasterize_views
 
 LEAST_PIXELS = 10
 """The paper's: covered in every view."""

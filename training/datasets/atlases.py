@@ -16,7 +16,7 @@ from arm_blender.errors import ArmError, EmptyMeshError, UnwrapError
 from arm_blender.graphics.cameras import Camera, project, view_directions
 from arm_blender.graphics.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 from arm_blender.graphics.connectivity import face_components
-from arm_blender.graphics.rasterize import rasterize_uv, rasterize_views
+from arm_blender.graphics.raster.rasterize import rasterize_uv, rasterize_views
 from arm_blender.structures import TexelMap, TexelViews, UvMesh, ViewSet
 from arm_blender.uv.backproject import BackprojectConfig, backproject
 from arm_blender.uv.blend import blend

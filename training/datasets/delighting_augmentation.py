@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from arm_blender.graphics.color import LUMINANCE
-from arm_blender.graphics.environment import Environment
-from arm_blender.graphics.spherical_harmonics import COUNT, WHITE, gathered, harmonics
-from arm_blender.models.delighting import REFLECTED, SeenPoints
+from arm_blender.graphics.light.environment import Environment
+from arm_blender.graphics.light.spherical_harmonics import COUNT, WHITE, gathered, harmonics
+from arm_blender.models.small.delighting import REFLECTED, SeenPoints
 
 from .delighting_samples import DelightingSample
 from .point_samples import rotation_z

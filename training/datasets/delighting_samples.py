@@ -18,9 +18,9 @@ from torch.nn import functional
 
 from arm_blender.config import PRESETS
 from arm_blender.graphics.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
-from arm_blender.graphics.fairing import fair
 from arm_blender.graphics.meshes import sample_surface, vertex_normals
-from arm_blender.models.delighting import SeenPoints
+from arm_blender.graphics.surface.fairing import fair
+from arm_blender.models.small.delighting import SeenPoints
 from arm_blender.structures import TriangleMesh
 from arm_blender.uv.backproject import BackprojectConfig, look, sight
 from arm_blender.uv.decimate import clean, decimate

@@ -9,10 +9,10 @@ import torch
 from torch import Tensor
 
 from arm_blender.errors import EmptyMeshError
-from arm_blender.graphics.isosurface import extract
-from arm_blender.graphics.sample_grid import IsosurfaceConfig
-from arm_blender.models.georm import GeoRM
-from arm_blender.models.reconstruction import ReconstructionConfig
+from arm_blender.graphics.surface.isosurface import extract
+from arm_blender.graphics.surface.sample_grid import IsosurfaceConfig
+from arm_blender.models.paper.georm import GeoRM
+from arm_blender.models.paper.reconstruction import ReconstructionConfig
 from arm_blender.structures import TriangleMesh
 from arm_blender.weight_files import checkpoints
 

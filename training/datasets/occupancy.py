@@ -16,7 +16,7 @@ from torch import Tensor
 
 from arm_blender.graphics.cameras import Camera, intrinsics_from_fovy, look_at, project
 from arm_blender.graphics.meshes import sample_surface
-from arm_blender.graphics.rasterize import rasterize
+from arm_blender.graphics.raster.rasterize import rasterize
 from arm_blender.structures import TriangleMesh
 
 from .shards import meshes, read_mesh, save_arrays

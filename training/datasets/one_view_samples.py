@@ -13,10 +13,10 @@ from scipy.ndimage import distance_transform_edt
 from torch import Tensor
 
 from arm_blender.graphics.cameras import Camera, orbit_camera, unproject
-from arm_blender.graphics.rasterize import Fragments, rasterize_views
+from arm_blender.graphics.raster.rasterize import Fragments, rasterize_views
 from arm_blender.models.network_views import NetworkViews
-from arm_blender.models.ray_occupancy import Frustum
-from arm_blender.models.reconstruction import SMALL
+from arm_blender.models.paper.reconstruction import SMALL
+from arm_blender.models.small.ray_occupancy import Frustum
 from arm_blender.structures import stack_cameras
 
 from .. import distributed

@@ -16,9 +16,9 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from arm_blender.graphics.cameras import Camera, orbit_camera, unproject
-from arm_blender.graphics.rasterize import Fragments, rasterize_views
-from arm_blender.models.feature_volume import object_colors
-from arm_blender.models.visual_hull import Outlines, signed_silhouette_distance
+from arm_blender.graphics.raster.rasterize import Fragments, rasterize_views
+from arm_blender.graphics.visual_hull import Outlines, signed_silhouette_distance
+from arm_blender.models.small.feature_volume import object_colors
 from arm_blender.structures import TriangleMesh, stack_cameras
 from arm_blender.views.rigs import AZIMUTHS_DEG, ELEVATIONS_DEG
 

@@ -17,7 +17,7 @@ from torch.nn import functional as F
 from arm_blender.graphics.cameras import unproject
 from arm_blender.graphics.color import linear_from_srgb
 from arm_blender.models.network_views import NetworkViews, network_views
-from arm_blender.models.reconstruction import SMALL
+from arm_blender.models.paper.reconstruction import SMALL
 from arm_blender.structures import ViewSet
 
 from .. import options

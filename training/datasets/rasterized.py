@@ -18,7 +18,7 @@ from arm_blender.graphics.cameras import Camera
 from arm_blender.graphics.color import bytes_from_unit, srgb_from_linear
 from arm_blender.graphics.meshes import face_normals
 from arm_blender.graphics.ragged import in_pieces
-from arm_blender.graphics.rasterize import Fragments, rasterize_views
+from arm_blender.graphics.raster.rasterize import Fragments, rasterize_views
 
 from . import rasterized_surface, shards
 from .camera_rigs import random_views

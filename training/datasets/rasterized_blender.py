@@ -24,7 +24,7 @@ from arm_blender.errors import ArmError
 from arm_blender.graphics.cameras import Camera
 from arm_blender.graphics.color import LUMINANCE, bytes_from_unit, linear_from_srgb, srgb_from_linear
 from arm_blender.graphics.meshes import face_normals
-from arm_blender.graphics.rasterize import rasterize_uv
+from arm_blender.graphics.raster.rasterize import rasterize_uv
 from arm_blender.structures import MaterialMaps, RelightableAsset, TriangleMesh, UvMesh
 from arm_blender.uv.maps import pad
 from arm_blender.uv.texels import texel_map

@@ -16,9 +16,9 @@ from torch import Tensor
 from torch.nn import functional
 
 from arm_blender.errors import ArmError
-from arm_blender.graphics.brdf import distribution
 from arm_blender.graphics.color import LUMINANCE
-from arm_blender.graphics.environment import Environment
+from arm_blender.graphics.light.brdf import distribution
+from arm_blender.graphics.light.environment import Environment
 
 from .random_numbers import uniform
 from .rasterized_surface import DIRECTIONS, directions

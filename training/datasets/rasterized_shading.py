@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from arm_blender.graphics.brdf import DIELECTRIC_F0, evaluate
-from arm_blender.graphics.rasterize import rasterize_views
-from arm_blender.graphics.specular_albedo import specular_albedo
-from arm_blender.graphics.spherical_harmonics import harmonics
+from arm_blender.graphics.light.brdf import DIELECTRIC_F0, evaluate
+from arm_blender.graphics.light.specular_albedo import specular_albedo
+from arm_blender.graphics.light.spherical_harmonics import harmonics
+from arm_blender.graphics.raster.rasterize import rasterize_views
 
 from .rasterized_lights import Lighting, Sun, mirrored
 from .rasterized_materials import Finish

@@ -18,7 +18,7 @@ from arm_blender.graphics.cameras import Camera, look_at, project
 from arm_blender.graphics.connectivity import face_components
 from arm_blender.graphics.meshes import corner_angles, face_areas, face_normals
 from arm_blender.graphics.ragged import enumerate_items
-from arm_blender.graphics.rasterize import rasterize_views
+from arm_blender.graphics.raster.rasterize import rasterize_views
 from arm_blender.structures import TriangleMesh
 from arm_blender.uv.decimate import clean, decimate
 

@@ -13,7 +13,7 @@ from torch.nn import functional as F
 from arm_blender.graphics.cameras import Camera
 from arm_blender.graphics.color import linear_from_srgb
 from arm_blender.models.network_views import NetworkViews, network_views
-from arm_blender.models.reconstruction import ReconstructionConfig
+from arm_blender.models.paper.reconstruction import ReconstructionConfig
 from arm_blender.structures import ViewSet
 
 from ..losses import SurfaceMaps

@@ -8,7 +8,7 @@ from torch.nn import functional
 
 from arm_blender.graphics.cameras import Camera
 from arm_blender.graphics.color import srgb_from_linear
-from arm_blender.graphics.rasterize import Fragments, interpolate, rasterize
+from arm_blender.graphics.raster.rasterize import Fragments, interpolate, rasterize
 from arm_blender.graphics.textures import sample_texture
 from arm_blender.structures import RelightableAsset, TriangleMesh, UvMesh
 

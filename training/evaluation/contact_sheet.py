@@ -10,7 +10,7 @@ from torch.nn.functional import interpolate
 from arm_blender.graphics.cameras import Camera, orbit_camera
 from arm_blender.graphics.color import bytes_from_unit, composite, srgb_from_linear
 from arm_blender.graphics.meshes import face_normals
-from arm_blender.graphics.rasterize import rasterize
+from arm_blender.graphics.raster.rasterize import rasterize
 from arm_blender.structures import TriangleMesh, ViewSet
 
 TILE = 192

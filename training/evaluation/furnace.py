@@ -7,7 +7,7 @@ from typing import get_args
 import torch
 from torch import Tensor
 
-from arm_blender.graphics.brdf import Form, evaluate
+from arm_blender.graphics.light.brdf import Form, evaluate
 
 from .figures import panels
 

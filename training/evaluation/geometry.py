@@ -13,7 +13,7 @@ import torch
 from scipy.spatial import cKDTree
 
 from arm_blender.graphics.meshes import sample_surface
-from arm_blender.graphics.rasterize import rasterize
+from arm_blender.graphics.raster.rasterize import rasterize
 from arm_blender.structures import TriangleMesh
 
 from ..datasets.occupancy import CARVING_DISTANCE, CARVING_SIZE, carving_cameras, depth_margin

@@ -7,8 +7,8 @@ import torch
 
 from arm_blender.config import PRESETS
 from arm_blender.graphics.cameras import orbit_camera
-from arm_blender.graphics.isosurface import IsosurfaceConfig, extract
-from arm_blender.graphics.rasterize import rasterize, rasterize_views
+from arm_blender.graphics.raster.rasterize import rasterize, rasterize_views
+from arm_blender.graphics.surface.isosurface import IsosurfaceConfig, extract
 from arm_blender.models.network_views import network_views
 from arm_blender.structures import ViewSet
 from arm_blender.uv.backproject import backproject

@@ -10,8 +10,8 @@ import torch
 
 from arm_blender import pipeline
 from arm_blender.config import PRESETS, Settings
-from arm_blender.graphics.isosurface import extract
-from arm_blender.graphics.sample_grid import IsosurfaceConfig
+from arm_blender.graphics.surface.isosurface import extract
+from arm_blender.graphics.surface.sample_grid import IsosurfaceConfig
 from arm_blender.report import Report
 from arm_blender.structures import TriangleMesh, ViewSet
 from arm_blender.views.scene_frame import normalise

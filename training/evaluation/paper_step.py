@@ -19,12 +19,12 @@ from torch._subclasses.fake_tensor import FakeTensorMode
 
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.machine.files import write_json
-from arm_blender.models.georm import RAW_ISO, GeoRM
-from arm_blender.models.glossyrm import GlossyRM
-from arm_blender.models.instant_albedo import PAPER as PAPER_ALBEDO
-from arm_blender.models.instant_albedo import InstantAlbedo
 from arm_blender.models.network_views import NetworkViews
-from arm_blender.models.reconstruction import PAPER, EncodedViews
+from arm_blender.models.paper.georm import RAW_ISO, GeoRM
+from arm_blender.models.paper.glossyrm import GlossyRM
+from arm_blender.models.paper.instant_albedo import PAPER as PAPER_ALBEDO
+from arm_blender.models.paper.instant_albedo import InstantAlbedo
+from arm_blender.models.paper.reconstruction import PAPER, EncodedViews
 from arm_blender.report import own_peak_mib
 from arm_blender.structures import TexelMap, TexelViews, stack_cameras
 

@@ -9,10 +9,10 @@ from pathlib import Path
 from torch import nn
 
 from arm_blender.config import PRESETS
-from arm_blender.models.georm import GeoRM
-from arm_blender.models.glossyrm import GlossyRM
-from arm_blender.models.instant_albedo import InstantAlbedo
-from arm_blender.models.ray_occupancy import RayOccupancy
+from arm_blender.models.paper.georm import GeoRM
+from arm_blender.models.paper.glossyrm import GlossyRM
+from arm_blender.models.paper.instant_albedo import InstantAlbedo
+from arm_blender.models.small.ray_occupancy import RayOccupancy
 from arm_blender.weight_files.unallocated import unallocated
 
 from .results import fill_block, markdown_table

@@ -5,7 +5,7 @@ import math
 import torch
 
 from arm_blender.graphics.color import srgb_from_linear
-from arm_blender.graphics.rasterize import interpolate, rasterize
+from arm_blender.graphics.raster.rasterize import interpolate, rasterize
 from arm_blender.graphics.textures import sample_texture
 from arm_blender.structures import RelightableAsset, ViewSet
 

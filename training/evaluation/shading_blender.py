@@ -22,12 +22,12 @@ from arm_blender.blender.compat import use_cycles, use_exr
 from arm_blender.blender.environments import environment_path
 from arm_blender.blender.scene import build_object
 from arm_blender.blender.studio import add_view_camera, light_by_environment, temporary_scene
-from arm_blender.graphics.brdf import Form
 from arm_blender.graphics.cameras import Camera, look_at, orbit_camera, project, view_directions
 from arm_blender.graphics.color import srgb_from_linear
-from arm_blender.graphics.environment import Environment, Lights, shade
+from arm_blender.graphics.light.brdf import Form
+from arm_blender.graphics.light.environment import Environment, Lights, shade
 from arm_blender.graphics.meshes import vertex_normals
-from arm_blender.graphics.rasterize import Fragments, interpolate, rasterize
+from arm_blender.graphics.raster.rasterize import Fragments, interpolate, rasterize
 from arm_blender.structures import MaterialMaps, RelightableAsset, UvMesh
 from arm_blender.views.image_io import write_png
 
@@ -203,7 +203,7 @@ def run(args: argparse.Namespace) -> int:
     furnace.plot(curve)
     text = paragraphs(
         "# Shading against Cycles",
-        "PSNR in dB of our direct light (`graphics.environment.shade`) against Cycles' render of the same asset, "
+        "PSNR in dB of our direct light (`graphics.light.environment.shade`) against Cycles' render of the same asset, "
         "Principled BSDF with GGX, no bounces, over the pixels inside of the outline, as sRGB. Roughness runs from "
         "0.35 to 0.95 over each surface, with bands of metal.",
         markdown_table(["surface", *get_args(Form)], rows),

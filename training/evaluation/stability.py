@@ -13,12 +13,12 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from arm_blender.graphics.brdf import MIN_ALPHA, evaluate
 from arm_blender.graphics.cameras import Camera, intrinsics_from_fovy, look_at, orbit_camera, project
-from arm_blender.graphics.isosurface import IsosurfaceConfig, extract
+from arm_blender.graphics.light.brdf import MIN_ALPHA, evaluate
 from arm_blender.graphics.meshes import face_areas, signed_areas
-from arm_blender.graphics.rasterize import Fragments, rasterize
-from arm_blender.graphics.screen_triangles import NEAR
+from arm_blender.graphics.raster.rasterize import Fragments, rasterize
+from arm_blender.graphics.raster.screen_triangles import NEAR
+from arm_blender.graphics.surface.isosurface import IsosurfaceConfig, extract
 from arm_blender.structures import TriangleMesh
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 from arm_blender.views import load_views

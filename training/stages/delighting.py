@@ -13,7 +13,7 @@ from torch import Tensor
 
 from arm_blender.errors import ArmError
 from arm_blender.graphics.color import srgb_from_linear
-from arm_blender.models.delighting import Delighting, DelightingConfig, SeenPoints
+from arm_blender.models.small.delighting import Delighting, DelightingConfig, SeenPoints
 from arm_blender.weight_files import checkpoints
 
 from .. import distributed, options

@@ -15,10 +15,10 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from arm_blender.errors import ArmError
-from arm_blender.models.georm import GeoRM
+from arm_blender.graphics.visual_hull import Outlines
 from arm_blender.models.network_views import NetworkViews
-from arm_blender.models.reconstruction import SMALL, SMALL_TRIPLANE, EncodedViews
-from arm_blender.models.visual_hull import Outlines
+from arm_blender.models.paper.georm import GeoRM
+from arm_blender.models.paper.reconstruction import SMALL, SMALL_TRIPLANE, EncodedViews
 from arm_blender.weight_files import checkpoints
 
 from .. import distributed

@@ -10,11 +10,11 @@ import argparse
 import torch
 from torch import Tensor
 
-from arm_blender.models.feature_volume import object_colors
-from arm_blender.models.georm import GeoRM
+from arm_blender.graphics.visual_hull import Outlines
 from arm_blender.models.network_views import NetworkViews
-from arm_blender.models.reconstruction import SMALL
-from arm_blender.models.visual_hull import Outlines
+from arm_blender.models.paper.georm import GeoRM
+from arm_blender.models.paper.reconstruction import SMALL
+from arm_blender.models.small.feature_volume import object_colors
 from arm_blender.weight_files import checkpoints
 
 from .. import distributed

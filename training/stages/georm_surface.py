@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from arm_blender.models.georm import GeoRM
-from arm_blender.models.reconstruction import EncodedViews
+from arm_blender.models.paper.georm import GeoRM
+from arm_blender.models.paper.reconstruction import EncodedViews
 
 from ..datasets import view_samples
 from ..datasets.view_samples import Crop, ViewSample

@@ -11,8 +11,8 @@ import torch
 from torch import Tensor
 
 from arm_blender.errors import ArmError
-from arm_blender.models.georm import RAW_ISO, GeoRM
-from arm_blender.models.reconstruction import EncodedViews
+from arm_blender.models.paper.georm import RAW_ISO, GeoRM
+from arm_blender.models.paper.reconstruction import EncodedViews
 
 from ..datasets import view_samples
 from ..datasets.view_samples import Crop, ViewSample

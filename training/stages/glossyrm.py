@@ -14,9 +14,9 @@ from torch.utils.checkpoint import checkpoint
 
 from arm_blender.config import PRESETS
 from arm_blender.errors import CheckpointError
-from arm_blender.graphics.rasterize import interpolate, rasterize_views
-from arm_blender.models.glossyrm import GlossyRM
-from arm_blender.models.reconstruction import EncodedViews, ReconstructionConfig
+from arm_blender.graphics.raster.rasterize import interpolate, rasterize_views
+from arm_blender.models.paper.glossyrm import GlossyRM
+from arm_blender.models.paper.reconstruction import EncodedViews, ReconstructionConfig
 from arm_blender.weight_files import checkpoints
 
 from .. import distributed

@@ -14,8 +14,8 @@ import torch
 from torch import Tensor
 
 from arm_blender.errors import ArmError
-from arm_blender.models.glossyrm import GlossyRM
-from arm_blender.models.reconstruction import ReconstructionConfig
+from arm_blender.models.paper.glossyrm import GlossyRM
+from arm_blender.models.paper.reconstruction import ReconstructionConfig
 from arm_blender.weight_files import checkpoints
 
 from ..datasets import shards

@@ -12,8 +12,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from arm_blender.models.glossyrm import GlossyRM
-from arm_blender.models.reconstruction import SMALL_GLOSSY, ReconstructionConfig
+from arm_blender.models.paper.glossyrm import GlossyRM
+from arm_blender.models.paper.reconstruction import SMALL_GLOSSY, ReconstructionConfig
 from arm_blender.weight_files import checkpoints
 
 from .. import distributed

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from arm_blender.errors import ArmError
 from arm_blender.graphics.color import srgb_from_linear
-from arm_blender.models.instant_albedo import Ablation, InstantAlbedo, InstantAlbedoConfig
+from arm_blender.models.paper.instant_albedo import Ablation, InstantAlbedo, InstantAlbedoConfig
 from arm_blender.weight_files import checkpoints
 
 from .. import distributed, options

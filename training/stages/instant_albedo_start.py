@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from arm_blender.errors import ArmError
-from arm_blender.models.delighting import DelightingConfig
-from arm_blender.models.instant_albedo import PAPER, SMALL, InstantAlbedo, InstantAlbedoConfig
-from arm_blender.models.material_encoder import MaterialEncoderConfig
+from arm_blender.models.paper.instant_albedo import PAPER, SMALL, InstantAlbedo, InstantAlbedoConfig
+from arm_blender.models.paper.material_encoder import MaterialEncoderConfig
+from arm_blender.models.small.delighting import DelightingConfig
 from arm_blender.weight_files import checkpoints
 
 SIZES = {"small": SMALL, "paper": PAPER}

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from arm_blender.graphics.cameras import orbit_camera
-from arm_blender.models.ray_occupancy import RayOccupancy, RayOccupancyConfig
+from arm_blender.models.small.ray_occupancy import RayOccupancy, RayOccupancyConfig
 from arm_blender.weight_files import checkpoints
 
 from .. import distributed

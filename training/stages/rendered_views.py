@@ -16,10 +16,10 @@ from torch import Tensor, nn
 
 from arm_blender.config import PRESETS
 from arm_blender.errors import ArmError
-from arm_blender.models.georm import GeoRM
-from arm_blender.models.glossyrm import GlossyRM
 from arm_blender.models.network_views import NetworkViews
-from arm_blender.models.reconstruction import EncodedViews, ReconstructionConfig
+from arm_blender.models.paper.georm import GeoRM
+from arm_blender.models.paper.glossyrm import GlossyRM
+from arm_blender.models.paper.reconstruction import EncodedViews, ReconstructionConfig
 from arm_blender.weight_files import checkpoints
 
 from .. import distributed, options

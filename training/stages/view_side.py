@@ -14,12 +14,12 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from arm_blender.errors import ArmError
-from arm_blender.models.georm import GeoRM
-from arm_blender.models.glossyrm import GlossyRM
+from arm_blender.graphics.visual_hull import Outlines
 from arm_blender.models.network_views import NetworkViews
-from arm_blender.models.pixel_aligned import ViewFeatures
-from arm_blender.models.reconstruction import EncodedViews
-from arm_blender.models.visual_hull import Outlines
+from arm_blender.models.paper.georm import GeoRM
+from arm_blender.models.paper.glossyrm import GlossyRM
+from arm_blender.models.paper.reconstruction import EncodedViews
+from arm_blender.models.small.pixel_aligned import ViewFeatures
 
 from ..datasets.outline_samples import HULL_SIDE
 from ..datasets.point_samples import PointSample, expanded

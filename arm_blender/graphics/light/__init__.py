@@ -1,0 +1,1 @@
+"""Light on a surface: the BRDF, environments, spherical harmonics."""

@@ -1,0 +1,1 @@
+"""Triangles to pixels: fragments, their gradients, rays."""

@@ -1,0 +1,1 @@
+"""Densities to triangles: where to sample, marching cubes, fairing."""

@@ -1,0 +1,1 @@
+"""The networks that ship: sized for a laptop's processor, and not in the paper."""
