@@ -6,8 +6,8 @@ from pathlib import Path
 
 import torch
 
-from training.evaluation.figures import panels
-from training.evaluation.results import fill_block, markdown_table, paragraphs, write_text
+from training.documents import fill_block, markdown_table, paragraphs, write_text
+from training.studies.figures import panels
 
 from . import bench_backproject, bench_isosurface, bench_rasterize, bench_unwrap
 from .measure import machine

@@ -18,7 +18,7 @@ from arm_blender.uv.blend import blend
 from arm_blender.uv.texels import texel_map
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 from arm_blender.views.rigs import zero123plus_rig
-from training.evaluation.results import markdown_table, paragraphs
+from training.documents import markdown_table, paragraphs
 
 from .measure import Section, median_seconds, run
 from .shapes import wavy_ball

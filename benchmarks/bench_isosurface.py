@@ -10,7 +10,7 @@ from torch import Tensor
 from arm_blender.graphics.surface.isosurface import IsosurfaceConfig, extract
 from arm_blender.graphics.surface.sample_grid import Density
 from arm_blender.structures import TriangleMesh
-from training.evaluation.results import markdown_table, paragraphs
+from training.documents import markdown_table, paragraphs
 
 from .measure import Section, run, seconds_of
 from .shapes import example_density

@@ -27,7 +27,7 @@ from arm_blender.uv.decimate import decimate
 from arm_blender.uv.normal_map import bake_normal_map
 from arm_blender.views import load_views
 from arm_blender.views.scene_frame import normalise
-from training.evaluation.results import markdown_table, paragraphs, write_text
+from training.documents import markdown_table, paragraphs, write_text
 
 SIZES = (512, 1024)
 PIXELS = 320

@@ -30,7 +30,7 @@ from arm_blender.uv.texels import texel_map
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 from arm_blender.views import load_views
 from arm_blender.views.scene_frame import normalise
-from training.evaluation.results import fill_block, markdown_table, paragraphs
+from training.documents import fill_block, markdown_table, paragraphs
 
 from .measure import PeakMemory, cpu_seconds, machine
 from .shapes import EXAMPLE, wavy_ball

@@ -10,7 +10,7 @@ from torch import Tensor
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.graphics.raster.rasterize import rasterize, rasterize_uv, rasterize_views
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
-from training.evaluation.results import markdown_table, paragraphs
+from training.documents import markdown_table, paragraphs
 
 from .measure import Section, median_seconds, run
 from .shapes import wavy_ball

@@ -12,11 +12,12 @@ from pathlib import Path
 import torch
 
 from arm_blender.models.paper.instant_albedo import SMALL, InstantAlbedo
-from training.datasets import rasterized, rasterized_surface
 from training.datasets.atlases import AtlasConfig
 from training.datasets.rasterized_atlases import RasterizedAtlases
-from training.datasets.shards import save_arrays
-from training.evaluation.results import markdown_table, paragraphs
+from training.documents import markdown_table, paragraphs
+from training.rasterized import pictures as rasterized
+from training.rasterized import surface as rasterized_surface
+from training.rendering.shards import save_arrays
 from training.stages.instant_albedo import FitConfig, sample_loss
 
 from .measure import Section, cpu_seconds, run

@@ -13,7 +13,7 @@ import xatlas
 from arm_blender.config import SHORTEST_LIMIT
 from arm_blender.structures import TriangleMesh, UvMesh
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
-from training.evaluation.results import markdown_table, paragraphs
+from training.documents import markdown_table, paragraphs
 
 from .atlas_quality import atlas_quality
 from .measure import Section, run, seconds_of

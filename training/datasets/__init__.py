@@ -1,0 +1,1 @@
+"""Samples that the stages of the training draw from shards."""

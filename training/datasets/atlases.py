@@ -25,10 +25,10 @@ from arm_blender.uv.maps import diffuse_fill, pad
 from arm_blender.uv.texels import texel_map
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 
+from ..rasterized.surface import welded
+from ..rendering.shards import arrays as read_arrays
+from ..rendering.shards import cameras, read_mesh, rigs, save_arrays
 from .atlas_lookup import AtlasLookup, atlas_lookup
-from .rasterized_surface import welded
-from .shards import arrays as read_arrays
-from .shards import cameras, read_mesh, rigs, save_arrays
 
 logger = logging.getLogger(__name__)
 

@@ -14,11 +14,11 @@ from arm_blender.graphics.light.environment import Environment
 from arm_blender.graphics.light.spherical_harmonics import COUNT, WHITE, gathered, harmonics
 from arm_blender.models.small.delighting import REFLECTED, SeenPoints
 
+from ..random_numbers import uniform
+from ..rasterized.lights import studio
+from ..rasterized.pictures import Library
 from .delighting_samples import DelightingSample
 from .point_samples import rotation_z
-from .random_numbers import uniform
-from .rasterized import Library
-from .rasterized_lights import studio
 
 RELIT, REPAINTED = 0.6, 0.65
 """Shares of the samples."""

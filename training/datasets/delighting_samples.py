@@ -26,10 +26,11 @@ from arm_blender.uv.backproject import BackprojectConfig, look, sight
 from arm_blender.uv.decimate import clean, decimate
 from arm_blender.uv.view_sampling import sample_view
 
-from . import rasterized, shards
-from .camera_rigs import INPUT_VIEWS
+from ..rasterized import pictures as rasterized
+from ..rasterized.pictures import Library
+from ..rendering import shards
+from ..rendering.camera_rigs import INPUT_VIEWS
 from .gloss_samples import Shapes
-from .rasterized import Library
 
 logger = logging.getLogger(__name__)
 

@@ -16,7 +16,8 @@ from arm_blender.models.paper.reconstruction import ReconstructionConfig
 from arm_blender.structures import TriangleMesh
 from arm_blender.weight_files import checkpoints
 
-from . import shards, view_samples
+from ..rendering import shards
+from . import view_samples
 from .view_samples import ViewSample
 
 logger = logging.getLogger(__name__)

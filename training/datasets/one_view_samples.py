@@ -20,9 +20,9 @@ from arm_blender.models.small.ray_occupancy import Frustum
 from arm_blender.structures import stack_cameras
 
 from .. import distributed
+from ..random_numbers import uniform
 from .outline_samples import Solid, deformed, pictures, random_stretch, tinted
 from .point_samples import rotation_z
-from .random_numbers import uniform
 
 SIZE = 160
 """Pixels a side of the pictures and of their outlines."""

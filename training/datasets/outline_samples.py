@@ -22,9 +22,9 @@ from arm_blender.models.small.feature_volume import object_colors
 from arm_blender.structures import TriangleMesh, stack_cameras
 from arm_blender.views.rigs import AZIMUTHS_DEG, ELEVATIONS_DEG
 
-from . import shards
+from ..random_numbers import uniform
+from ..rendering import shards
 from .point_samples import drop_views, is_held_out, rotation_z
-from .random_numbers import uniform
 
 logger = logging.getLogger(__name__)
 

@@ -21,7 +21,7 @@ from arm_blender.models.paper.reconstruction import SMALL
 from arm_blender.structures import ViewSet
 
 from .. import options
-from . import shards
+from ..rendering import shards
 
 logger = logging.getLogger(__name__)
 

@@ -13,11 +13,12 @@ import torch
 from arm_blender.errors import ArmError
 from arm_blender.structures import TriangleMesh, UvMesh
 
-from . import rasterized, rasterized_surface
+from ..rasterized import pictures as rasterized
+from ..rasterized import surface as rasterized_surface
+from ..rasterized.pictures import Library
+from ..rasterized.surface import Surface
+from ..rendering.shards import save_arrays
 from .atlases import Atlas, AtlasConfig, atlas_of, random_subsets, sample_arrays, unwrapped
-from .rasterized import Library
-from .rasterized_surface import Surface
-from .shards import save_arrays
 
 logger = logging.getLogger(__name__)
 

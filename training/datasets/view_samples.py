@@ -17,8 +17,8 @@ from arm_blender.models.paper.reconstruction import ReconstructionConfig
 from arm_blender.structures import ViewSet
 
 from ..losses import SurfaceMaps
+from ..rendering import shards
 from ..volume_rendering import Rays, pixel_rays
-from . import shards
 from .point_samples import rotation_z
 
 INPUTS = 6

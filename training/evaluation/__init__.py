@@ -1,0 +1,1 @@
+"""The protocol: assets beside the truth, from the objects to the table."""

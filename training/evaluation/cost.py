@@ -11,8 +11,8 @@ from arm_blender import pipeline
 from arm_blender.errors import ArmError
 from arm_blender.views import load_views
 
-from .bars import Cost
-from .trial import Trial
+from .tables.bars import Cost
+from .trials.trial import Trial
 
 logger = logging.getLogger(__name__)
 

@@ -14,21 +14,21 @@ from arm_blender.machine.files import check_output
 from arm_blender.views import ViewOptions
 from arm_blender.views.zero123plus.sampling import Zero123PlusConfig
 
-from ..datasets.manifest import read_manifest
+from ..documents import fill_block
 from ..lpips import Lpips
-from . import shape_table
+from ..rendering.manifest import read_manifest
 from .cost import measured_cost
-from .entries import DATASETS, evaluation_entries, in_fair_order, spread
-from .measure import ONE_VIEW, OURS, ObjectResult, measure
-from .objects import EvaluationObject
-from .other_system import measure_file
-from .output import card_text, front_text, write_tables
-from .protocol import PAPER_COUNTS, QUICK, EvaluationEntry, Protocol
-from .results import fill_block
-from .resume import kept_results
-from .sheets import Sheets
-from .trial import Trial, add_object_arguments, add_trial_arguments, other_settings, trial_settings
-from .truth import is_whole, read_truth
+from .tables import shape_table
+from .tables.output import card_text, front_text, write_tables
+from .tables.resume import kept_results
+from .tables.sheets import Sheets
+from .trials.measure import ONE_VIEW, OURS, ObjectResult, measure
+from .trials.other_system import measure_file
+from .trials.trial import Trial, add_object_arguments, add_trial_arguments, other_settings, trial_settings
+from .truth.entries import DATASETS, evaluation_entries, in_fair_order, spread
+from .truth.objects import EvaluationObject
+from .truth.protocol import PAPER_COUNTS, QUICK, EvaluationEntry, Protocol
+from .truth.truth import is_whole, read_truth
 
 logger = logging.getLogger(__name__)
 
@@ -173,7 +173,7 @@ def render_truth(entries: Sequence[EvaluationEntry], cache: Path, data: Path, da
     """
     if all(is_whole(cache / entry.name) for entry in entries):
         return
-    from .truth_blender import environments, render_missing
+    from .truth.truth_blender import environments, render_missing
 
     hdris = read_manifest(data)["hdris"] if dataset == "manifest" else []
     lights = {split: [data / h["files"][0] for h in hdris if h["split"] == split] for split in ("train", "eval")}

@@ -21,7 +21,7 @@ from ..datasets.delighting_augmentation import augmented, exposed, fitted_light
 from ..datasets.delighting_samples import DelightingSample, prepare, samples
 from ..datasets.gloss_samples import Shapes
 from ..datasets.point_samples import is_held_out
-from ..datasets.rasterized import read_library
+from ..rasterized.pictures import read_library
 from ..run_record import RunRecord
 from ..trainer import Trainer
 

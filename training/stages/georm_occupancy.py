@@ -22,7 +22,7 @@ from arm_blender.models.paper.reconstruction import SMALL, SMALL_TRIPLANE, Encod
 from arm_blender.weight_files import checkpoints
 
 from .. import distributed
-from ..datasets import outline_samples, point_samples, shards
+from ..datasets import outline_samples, point_samples
 from ..datasets.outline_samples import OutlineBatch
 from ..datasets.point_samples import (
     PointSample,
@@ -30,6 +30,7 @@ from ..datasets.point_samples import (
     depth_loss,
     load_occupancy,
 )
+from ..rendering import shards
 from ..trainer import Trainer
 from .view_side import encode_outlines, silence_features, view_side
 

@@ -18,9 +18,9 @@ from arm_blender.models.paper.glossyrm import GlossyRM
 from arm_blender.models.paper.reconstruction import ReconstructionConfig
 from arm_blender.weight_files import checkpoints
 
-from ..datasets import shards
-from ..datasets.manifest import read_manifest
 from ..datasets.point_samples import expanded, load_gloss
+from ..rendering import shards
+from ..rendering.manifest import read_manifest
 
 logger = logging.getLogger(__name__)
 

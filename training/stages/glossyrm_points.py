@@ -17,13 +17,14 @@ from arm_blender.models.paper.reconstruction import SMALL_GLOSSY, Reconstruction
 from arm_blender.weight_files import checkpoints
 
 from .. import distributed
-from ..datasets import point_samples, shards
+from ..datasets import point_samples
 from ..datasets.point_samples import (
     PointSample,
     SampleCache,
     depth_loss,
     load_gloss,
 )
+from ..rendering import shards
 from ..trainer import Trainer
 from .view_side import EveryStep, Once, view_side
 

@@ -22,12 +22,12 @@ from .. import distributed, options
 from ..datasets import atlases
 from ..datasets.atlas_augmentation import augmented
 from ..datasets.atlases import Atlas
-from ..datasets.rasterized import read_library
 from ..datasets.rasterized_atlases import RasterizedAtlases
-from ..datasets.shards import meshes
 from ..losses import ImageLossConfig, Perceptual, image_loss
 from ..lpips import Lpips
 from ..options import TrainerConfig
+from ..rasterized.pictures import read_library
+from ..rendering.shards import meshes
 from ..run_record import RunRecord
 from ..trainer import Trainer
 from .instant_albedo_start import FRESH, SIZES, Starts, network_of

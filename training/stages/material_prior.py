@@ -21,10 +21,10 @@ from arm_blender.models.paper.material_encoder import MaterialEncoder, MaterialE
 from arm_blender.weight_files import checkpoints
 
 from .. import distributed, options
-from ..datasets import shards
-from ..datasets.rasterized import Library, random_rig, read_library, surface_at
-from ..datasets.rasterized_textures import LABELS, NOTHING
 from ..options import TrainerConfig
+from ..rasterized.pictures import Library, random_rig, read_library, surface_at
+from ..rasterized.textures import LABELS, NOTHING
+from ..rendering import shards
 from ..run_record import RunRecord
 from ..trainer import Trainer
 

@@ -16,10 +16,11 @@ from arm_blender.models.small.ray_occupancy import RayOccupancy, RayOccupancyCon
 from arm_blender.weight_files import checkpoints
 
 from .. import distributed
-from ..datasets import one_view_samples, outline_samples, point_samples, shards
+from ..datasets import one_view_samples, outline_samples, point_samples
 from ..datasets.one_view_samples import OneViewBatch
 from ..datasets.outline_samples import Solid
 from ..datasets.point_samples import rotation_z
+from ..rendering import shards
 from ..trainer import Trainer
 from .georm_occupancy import intersection_over_union, occupancy_loss
 

@@ -23,12 +23,13 @@ from arm_blender.models.paper.reconstruction import EncodedViews, Reconstruction
 from arm_blender.weight_files import checkpoints
 
 from .. import distributed, options
-from ..datasets import shards, view_samples
+from ..datasets import view_samples
 from ..datasets.point_samples import drop_views, is_held_out
 from ..datasets.view_samples import ViewSample
 from ..feature_distance import FeatureDistance
 from ..losses import Perceptual
 from ..lpips import Lpips
+from ..rendering import shards
 from ..trainer import Trainer
 
 logger = logging.getLogger(__name__)

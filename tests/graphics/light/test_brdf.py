@@ -9,7 +9,7 @@ from torch import Tensor
 
 from arm_blender.graphics.light.brdf import Form, distribution, evaluate, fresnel, geometry
 from arm_blender.graphics.light.specular_albedo import specular_albedo
-from training.evaluation.furnace import furnace, polar_quadrature
+from training.studies.furnace import furnace, polar_quadrature
 
 ROUGHNESS = (0.05, 0.2, 0.5, 0.8, 1.0)
 

@@ -1,0 +1,98 @@
+"""F-score and Chamfer distance between two surfaces (ARM, section 6), in the frame of the cameras.
+
+The views are posed, so the prediction already lies in the truth's frame: nothing is aligned here, and no search over
+poses can flatter a result (`alignment` is for shapes whose frame is unknown). The Chamfer distance is the sum of both
+mean distances, unsquared.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from scipy.spatial import cKDTree
+
+from arm_blender.graphics.meshes import sample_surface
+from arm_blender.graphics.raster.rasterize import rasterize
+from arm_blender.structures import TriangleMesh
+
+from ...rendering.occupancy import CARVING_DISTANCE, CARVING_SIZE, carving_cameras, depth_margin
+
+SAMPLES = 100_000
+"""Points on each surface, as in the paper."""
+
+
+@dataclass(frozen=True)
+class GeometryScores:
+    """How close a surface lies to the truth.
+
+    Attributes:
+        f_coarse: F-score at 0.1 world units, in [0, 1]; the paper's.
+        f_fine: F-score at 0.02.
+        chamfer: mean distance from prediction to truth plus mean distance from truth to prediction, world units.
+    """
+
+    f_coarse: float
+    f_fine: float
+    chamfer: float
+
+
+FAILED = GeometryScores(f_coarse=0.0, f_fine=0.0, chamfer=float("inf"))
+"""Of an object without a surface: it stays in the means."""
+
+MEASURES = {"f_coarse": "F@0.1", "f_fine": "F@0.02", "chamfer": "CD"}
+"""The scores' names in tables."""
+
+
+def compare(predicted: TriangleMesh, truth: TriangleMesh, samples: int = SAMPLES, seed: int = 0) -> GeometryScores:
+    """Scores of `predicted` against `truth`, both in one frame.
+
+    Args:
+        samples: points on each surface.
+        seed: of the samples; the same one gives the same numbers.
+    Raises:
+        ValueError: a mesh has no area.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    a, b = (sample_surface(mesh.vertices, mesh.faces, samples, generator)[0].numpy() for mesh in (predicted, truth))
+    return compare_points(a, b)
+
+
+def compare_points(a: np.ndarray, b: np.ndarray) -> GeometryScores:
+    """Scores of points (P, 3) on a predicted surface against points (Q, 3) on the true one."""
+    to_truth, to_predicted = cKDTree(b).query(a)[0], cKDTree(a).query(b)[0]
+    return GeometryScores(
+        f_coarse=f_score(to_truth, to_predicted, 0.1),
+        f_fine=f_score(to_truth, to_predicted, 0.02),
+        chamfer=float(to_truth.mean() + to_predicted.mean()),
+    )
+
+
+def ceiling(truth: TriangleMesh, samples: int = SAMPLES, seed: int = 0) -> GeometryScores:
+    """What a perfect outer surface scores: that part of the truth which some view from outside sees, against all of it.
+
+    Hidden interiors cannot be reconstructed from pictures, and count in the scores all the same.
+
+    Raises:
+        ValueError: the mesh has no area.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    points, whole = (sample_surface(truth.vertices, truth.faces, n, generator)[0] for n in (2 * samples, samples))
+    visible = torch.zeros(len(points), dtype=torch.bool)
+    cameras = carving_cameras(float(truth.vertices.norm(dim=1).max()))
+    pixel = 2.0 * CARVING_DISTANCE * math.tan(cameras[0].fovy / 2.0) / CARVING_SIZE
+    for camera in cameras:
+        visible |= depth_margin(points, camera, rasterize(truth.vertices, truth.faces, camera).depth) > -pixel
+    return compare_points(points[visible][:samples].numpy(), whole.numpy())
+
+
+def f_score(to_truth: np.ndarray, to_predicted: np.ndarray, threshold: float) -> float:
+    """The harmonic mean of precision and recall.
+
+    Args:
+        to_truth: (P,) distance of every predicted point to the truth.
+        to_predicted: (Q,) distance of every true point to the prediction.
+        threshold: a point at most this far away counts as met.
+    """
+    precision, recall = float((to_truth <= threshold).mean()), float((to_predicted <= threshold).mean())
+    return 2.0 * precision * recall / (precision + recall) if precision + recall > 0.0 else 0.0

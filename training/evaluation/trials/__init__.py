@@ -1,0 +1,1 @@
+"""What is measured: our pipeline, its baselines, other systems."""

@@ -1,0 +1,1 @@
+"""What is measured against: the objects, their views and how they were rendered."""

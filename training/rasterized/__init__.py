@@ -1,0 +1,1 @@
+"""Training pictures made on the fly: surfaces, materials and lights, without Cycles."""

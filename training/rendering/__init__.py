@@ -1,0 +1,1 @@
+"""Objects to shards: Cycles renders views and passes, shards keep them."""

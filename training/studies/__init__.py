@@ -1,0 +1,1 @@
+"""What makes the documents: each command measures one thing and writes its page."""

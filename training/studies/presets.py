@@ -1,0 +1,69 @@
+"""`python -m training presets`: how many parameters each network of each preset has.
+
+The networks are built on the meta device: no weight is allocated, so that the paper's sizes can be counted anywhere.
+"""
+
+import argparse
+from pathlib import Path
+
+from torch import nn
+
+from arm_blender.config import PRESETS
+from arm_blender.models.paper.georm import GeoRM
+from arm_blender.models.paper.glossyrm import GlossyRM
+from arm_blender.models.paper.instant_albedo import InstantAlbedo
+from arm_blender.models.small.ray_occupancy import RayOccupancy
+from arm_blender.weight_files.unallocated import unallocated
+
+from ..documents import fill_block, markdown_table
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The words of `python -m training presets`."""
+    parser.add_argument(
+        "--update-readme", type=Path, nargs="?", const=Path("README.md"), help="fill the document's block of presets"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the table; fill the document's block where one is named."""
+    table = presets_table()
+    print(table)
+    if args.update_readme:
+        fill_block(args.update_readme, "presets", f"{table}\n\nMade by `python -m training presets --update-readme`.")
+    return 0
+
+
+def presets_table() -> str:
+    """Markdown: a row per network and per part of it, a column per preset."""
+    counts = {preset: network_parameters(preset) for preset in PRESETS}
+    rows = [
+        [part, *(_readable(counts[preset][part]) if part in counts[preset] else "-" for preset in PRESETS)]
+        for part in counts["small"]  # It has every part of `paper`, and some more.
+    ]
+    return markdown_table(["parameters", *PRESETS], rows)
+
+
+def network_parameters(preset: str) -> dict[str, int]:
+    """Parameters of every network of a preset, and of the parts that they are made of."""
+    configs = PRESETS[preset]
+    with unallocated():
+        geometry, glossy = GeoRM(configs.georm), GlossyRM(configs.glossyrm)
+        colours = InstantAlbedo(configs.instant_albedo)
+    counts = {"**GeoRM**": _count(geometry)}
+    counts |= {f"GeoRM, {part}": _count(module) for part, module in geometry.model.named_children()}
+    counts["**GlossyRM** (the parts of GeoRM)"] = _count(glossy)
+    counts["**InstantAlbedo**"] = _count(colours)
+    counts |= {f"InstantAlbedo, {part}": _count(module) for part, module in colours.named_children()}
+    if configs.ray_occupancy:
+        with unallocated():
+            counts["**RayOccupancy**"] = _count(RayOccupancy(configs.ray_occupancy))
+    return counts
+
+
+def _count(module: nn.Module) -> int:
+    return sum(parameter.numel() for parameter in module.parameters())
+
+
+def _readable(count: int) -> str:
+    return f"{count / 1e6:.1f} M" if count >= 1e6 else f"{count / 1e3:.1f} k"
