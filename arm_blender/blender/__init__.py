@@ -1,11 +1,12 @@
 """Everything that touches Blender's data or window.
 
-`scene`, `material_nodes`, `export`, `studio` and `relight` turn assets into objects, files and pictures, whether or not
-the extension is registered. The other modules are the extension: properties, panel, operators, preferences, command;
-`request` reads what they hold, with `own_mesh` and `scene_cameras`, and `results` brings the answer into the scene.
-Blender may be called from its main thread only; `job`, `generation` and `looking`, which know nothing of bpy, run
-elsewhere.
+`asset/` turns assets into objects and files, `relight/` into pictures, whether or not the extension is registered.
+`input/` reads what the panel, the scene's cameras and the selected mesh say, `generate/` runs the pipeline on it and
+brings the answer into the scene, `setup/` holds the preferences and puts them into effect. Blender may be called from
+its main thread only; `job`, `generate.generation` and `input.looking`, which know nothing of bpy, run elsewhere.
 """
+
+from types import ModuleType
 
 _registered = False
 
@@ -37,23 +38,20 @@ def unregister() -> None:
         module.unregister()
 
 
-def _modules() -> tuple:
-    from . import (
-        cli,
-        export_operator,
-        input_operators,
-        operators,
-        panels,
-        preferences,
-        properties,
-        relight_operators,
-        relight_panel,
-        relight_properties,
-        runtime,
-        setup_operators,
-        view_switch,
-    )
+def _modules() -> tuple[ModuleType, ...]:
+    """What is registered, in this order: an operator's module after that of the properties that it reads."""
+    from . import cli
+    from .asset import export_operator, view_switch
+    from .generate import draw_views_operator, operators, properties, recall
+    from .generate import panel as panels
+    from .input import operators as input_operators
+    from .relight import operators as relight_operators
+    from .relight import panel as relight_panel
+    from .relight import properties as relight_properties
+    from .setup import operators as setup_operators
+    from .setup import preferences, runtime
 
-    making = (properties, view_switch, preferences, runtime, setup_operators, operators, input_operators, panels)
+    setup = (preferences, runtime, setup_operators)
+    making = (properties, view_switch, *setup, operators, input_operators, draw_views_operator, recall, panels)
     relighting = (relight_properties, relight_operators, export_operator, relight_panel)
     return (*making, *relighting, cli)

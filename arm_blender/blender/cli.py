@@ -5,7 +5,7 @@ import sys
 import bpy
 
 from ..errors import ArmError
-from .runtime import activate
+from .setup.runtime import activate
 
 COMMAND = "arm"
 

@@ -267,7 +267,8 @@ def _write_blender_files(
     progress(0.0, f"writing {blend.name}")
     with report.stage("blender"):
         try:
-            from ..blender import export, relight
+            from ..blender.asset import blend_file as export
+            from ..blender.relight import renders as relight
         except ImportError as error:
             report.leave_out(blend.name, f"{NO_BPY} ({error})")
             if preview:

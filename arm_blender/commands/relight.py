@@ -47,7 +47,8 @@ def run(args: argparse.Namespace) -> int:
     check_output(args.output)
     clear_unfinished(args.output)
     try:
-        from ..blender import relight, video
+        from ..blender.relight import renders as relight
+        from ..blender.relight import video
     except ImportError as error:
         raise ArmError(f"{args.asset}: {generate.NO_BPY} ({error})") from error
 

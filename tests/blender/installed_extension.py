@@ -37,7 +37,7 @@ def main() -> None:
         preferences.pytorch_source, preferences.pytorch_folder = "FOLDER", args.torch
     if not args.leave_enabled:
         if args.torch != "none":
-            assert part("blender.runtime").problem() == ""
+            assert part("blender.setup.runtime").problem() == ""
             generate(args.views)
             relight(args.output)
             export(args.output)
@@ -59,7 +59,7 @@ def part(name: str):
 
 
 def say_what_is_missing(views: Path) -> None:
-    assert "PyTorch is missing" in part("blender.runtime").problem()
+    assert "PyTorch is missing" in part("blender.setup.runtime").problem()
     try:
         bpy.ops.arm.generate(filepath=str(views))
     except RuntimeError as error:
@@ -89,7 +89,7 @@ def generate(views: Path) -> None:
 
 
 def relight(output: Path) -> None:
-    pictures = part("blender.relight")
+    pictures = part("blender.relight.renders")
     config = pictures.RelightConfig(resolution=64, samples=4)
     (picture,) = pictures.relight(bpy.context.object, ["studio"], output, config)
     pixels = list(bpy.data.images.load(str(picture)).pixels)

@@ -11,10 +11,6 @@ import torch
 
 bpy = pytest.importorskip("bpy")
 
-from training.evaluation.truth.truth.objects import EvaluationObject  # noqa: E402
-from training.evaluation.truth.truth.protocol import EvaluationEntry, Protocol  # noqa: E402
-from training.evaluation.truth.truth.truth import is_whole, read_truth  # noqa: E402
-
 from arm_blender.export.gltf import write_glb  # noqa: E402
 from arm_blender.structures import RelightableAsset, TriangleMesh  # noqa: E402
 from training.__main__ import main  # noqa: E402
@@ -24,7 +20,10 @@ from training.evaluation.scores.relighting import under_lights  # noqa: E402
 from training.evaluation.trials.asset_pictures import map_pictures, vertex_pictures  # noqa: E402
 from training.evaluation.trials.asset_render_blender import asset_lights, colored_lights  # noqa: E402
 from training.evaluation.trials.baselines import ColoredMesh  # noqa: E402
-from training.evaluation.truth.truth import truth_blender  # noqa: E402
+from training.evaluation.truth import truth_blender  # noqa: E402
+from training.evaluation.truth.objects import EvaluationObject  # noqa: E402
+from training.evaluation.truth.protocol import EvaluationEntry, Protocol  # noqa: E402
+from training.evaluation.truth.truth import is_whole, read_truth  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("empty_file")]
 

@@ -15,7 +15,8 @@ from arm_blender.errors import Cancelled, InputImageError
 from arm_blender.views.scene_frame import IDENTITY
 
 bpy = pytest.importorskip("bpy")
-from arm_blender.blender import cli, generation, operators  # noqa: E402
+from arm_blender.blender import cli  # noqa: E402
+from arm_blender.blender.generate import generation, operators  # noqa: E402
 
 pytestmark = pytest.mark.blender
 

@@ -72,7 +72,7 @@ def test_the_index_serves_the_zip_to_the_blenders_that_can_run_it(repository, pa
 
 def test_the_zip_holds_the_package_and_nothing_else(package):
     names = zipfile.ZipFile(package).namelist()
-    assert {"arm_blender/__init__.py", "arm_blender/blender/panels.py"} <= set(names)
+    assert {"arm_blender/__init__.py", "arm_blender/blender/generate/panel.py"} <= set(names)
     assert {n for n in names if not n.startswith("arm_blender/")} - {"LICENSE", "CREDITS.md"} == {
         "blender_manifest.toml",
         "__init__.py",

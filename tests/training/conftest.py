@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from training.evaluation.truth.truth.protocol import Protocol
-from training.evaluation.truth.truth.truth import ARRAYS, FRONT, RECORD
 
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.graphics.color import bytes_from_unit, linear_from_srgb
@@ -24,6 +22,8 @@ from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 from arm_blender.views.image_io import write_png
 from arm_blender.views.transforms_json import write_transforms
 from training.evaluation.trials.asset_pictures import map_pictures
+from training.evaluation.truth.protocol import Protocol
+from training.evaluation.truth.truth import ARRAYS, FRONT, RECORD
 from training.stages import rendered_views
 from training.volume_rendering import pixel_rays
 

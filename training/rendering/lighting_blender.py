@@ -7,8 +7,8 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-from arm_blender.blender.environments import shipped_environments
-from arm_blender.blender.studio import light_by_environment
+from arm_blender.blender.asset.studio import light_by_environment
+from arm_blender.blender.relight.environments import shipped_environments
 from arm_blender.graphics.color import LUMINANCE
 
 

@@ -10,8 +10,8 @@ import numpy as np
 import OpenImageIO as oiio
 import torch
 
+from arm_blender.blender.asset.studio import add_view_camera, aim_view_camera
 from arm_blender.blender.compat import use_cycles, use_exr
-from arm_blender.blender.studio import add_view_camera, aim_view_camera
 from arm_blender.errors import ArmError
 from arm_blender.graphics.cameras import Camera, orbit_camera
 from arm_blender.graphics.color import bytes_from_unit, srgb_from_linear

@@ -17,9 +17,9 @@ from PIL import Image, ImageDraw
 from torch import Tensor
 from torch.nn import functional
 
+from arm_blender.blender.asset.scene import build_object
+from arm_blender.blender.asset.studio import add_view_camera, light_by_environment, temporary_scene
 from arm_blender.blender.compat import use_cycles, use_exr
-from arm_blender.blender.scene import build_object
-from arm_blender.blender.studio import add_view_camera, light_by_environment, temporary_scene
 from arm_blender.errors import ArmError
 from arm_blender.graphics.cameras import Camera
 from arm_blender.graphics.color import LUMINANCE, bytes_from_unit, linear_from_srgb, srgb_from_linear

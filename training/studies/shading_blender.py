@@ -18,10 +18,10 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from arm_blender.blender.asset.scene import build_object
+from arm_blender.blender.asset.studio import add_view_camera, light_by_environment, temporary_scene
 from arm_blender.blender.compat import use_cycles, use_exr
-from arm_blender.blender.environments import environment_path
-from arm_blender.blender.scene import build_object
-from arm_blender.blender.studio import add_view_camera, light_by_environment, temporary_scene
+from arm_blender.blender.relight.environments import environment_path
 from arm_blender.graphics.cameras import Camera, look_at, orbit_camera, project, view_directions
 from arm_blender.graphics.color import srgb_from_linear
 from arm_blender.graphics.light.brdf import Form

@@ -3,12 +3,11 @@
 import math
 from types import SimpleNamespace
 
-from training.evaluation.truth.truth.protocol import Protocol
-
 from arm_blender.__main__ import parser
 from arm_blender.config import Settings
 from training.evaluation import cost
 from training.evaluation.trials.trial import Trial
+from training.evaluation.truth.protocol import Protocol
 
 
 def test_a_cold_start_takes_the_words_of_the_trial(monkeypatch, tmp_path):

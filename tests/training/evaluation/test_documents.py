@@ -5,12 +5,12 @@ import json
 from pathlib import Path
 
 import pytest
-from training.evaluation.truth.truth.objects import evaluation_objects
 
 from arm_blender.errors import ArmError, OutputError
 from arm_blender.quality_levels import FILE
 from training.__main__ import main
 from training.documents import fill_block, markdown_table
+from training.evaluation.truth.objects import evaluation_objects
 from training.rendering.manifest import read_manifest
 from training.studies import presets
 from training.studies.credits import sources

@@ -7,9 +7,6 @@ from pathlib import Path
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
-from training.evaluation.truth.truth.objects import EvaluationObject
-from training.evaluation.truth.truth.protocol import EvaluationEntry, Protocol
-from training.evaluation.truth.truth.truth import Truth
 
 from arm_blender import pipeline
 from arm_blender.config import Settings
@@ -27,6 +24,9 @@ from training.evaluation.tables import contact_sheet, sheets
 from training.evaluation.trials.asset_pictures import map_pictures
 from training.evaluation.trials.measure import BLEND, HULL, ONE_VIEW, OURS, PICTURE, PROVIDER, SCALED, measure
 from training.evaluation.trials.trial import Trial
+from training.evaluation.truth.objects import EvaluationObject
+from training.evaluation.truth.protocol import EvaluationEntry, Protocol
+from training.evaluation.truth.truth import Truth
 
 PROTOCOL = Protocol(resolution=64, views=4)  # Of `ball_data`.
 SETTINGS = Settings(grid=32, faces=1000, texture_size=256)

@@ -5,22 +5,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from training.evaluation.truth.truth.protocol import PAPER_COUNTS, QUICK, Protocol
-from training.evaluation.truth.truth.truth import Appearance, Relighting, Truth, relit_files
 
 from arm_blender.config import Settings
 from arm_blender.errors import ArmError
 from training.__main__ import main
 from training.evaluation.scores.image_scores import PSNR_CAP
-from training.evaluation.scores.relighting import (
-    relighting_scores,
-    relit_lights,
-    relit_pictures,
-    save_relit,
-    under_lights,
-)
+from training.evaluation.scores.relighting import relighting_scores, under_lights
 from training.evaluation.tables.output import setting_text
 from training.evaluation.trials.trial import Trial
+from training.evaluation.truth.protocol import PAPER_COUNTS, QUICK, Protocol
+from training.evaluation.truth.relit import relit_lights, relit_pictures, save_relit
+from training.evaluation.truth.truth import Appearance, Relighting, Truth, relit_files
 
 OTHERS, OWN = [Path(f"eval-{k}.hdr") for k in range(3)], [Path(f"own-{k}.exr") for k in range(8)]
 SMALL = Protocol(resolution=16, views=4, relit_views=3, environments=2)

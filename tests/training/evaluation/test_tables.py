@@ -5,8 +5,6 @@ import math
 from dataclasses import replace
 
 import pytest
-from training.evaluation.truth.truth.entries import evaluation_entries, spread
-from training.evaluation.truth.truth.protocol import EvaluationEntry, Protocol
 
 from arm_blender.config import Settings
 from arm_blender.errors import ArmError
@@ -20,6 +18,8 @@ from training.evaluation.tables.resume import kept_results
 from training.evaluation.trials.measure import BLEND, HULL, ONE_VIEW, OURS, ObjectResult, SystemResult
 from training.evaluation.trials.other_system import mesh_of
 from training.evaluation.trials.trial import Trial
+from training.evaluation.truth.entries import evaluation_entries, spread
+from training.evaluation.truth.protocol import EvaluationEntry, Protocol
 
 MAPS = ("albedo", "roughness", "metallic", "lit", "relit", "albedo scaled")
 

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from training.evaluation.truth.truth.objects import evaluation_objects
 
 from arm_blender.graphics.cameras import unproject
 from training.__main__ import main
+from training.evaluation.truth.objects import evaluation_objects
 from training.rendering import shards
 
 bpy = pytest.importorskip("bpy")

@@ -4,7 +4,6 @@ import json
 from typing import get_args
 
 import pytest
-from training.evaluation.truth.truth.protocol import Protocol
 
 from arm_blender import pipeline
 from arm_blender.models.paper.instant_albedo import Ablation
@@ -13,6 +12,7 @@ from arm_blender.structures import MaterialMaps, RelightableAsset
 from training.__main__ import main
 from training.evaluation.scores.alignment import AlignmentConfig
 from training.evaluation.trials.trial import Trial
+from training.evaluation.truth.protocol import Protocol
 from training.run_record import RunRecord
 from training.studies import ablations
 from training.studies.ablations import ALBEDO, SHAPE, STUDIES, WHOLE

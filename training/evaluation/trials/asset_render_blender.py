@@ -10,8 +10,8 @@ import torch
 from mathutils import Matrix
 from torch import Tensor
 
+from arm_blender.blender.asset.scene import build_object
 from arm_blender.blender.compat import shader_tree
-from arm_blender.blender.scene import build_object
 from arm_blender.graphics.cameras import Camera
 from arm_blender.structures import RelightableAsset
 

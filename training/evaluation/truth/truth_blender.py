@@ -28,8 +28,8 @@ from ...rendering.scene_blender import (
     triangles,
 )
 from ...rendering.shards import save_arrays
-from ..scores.relighting import relit_lights, save_relit
 from .protocol import EXPOSURE, UNMEASURED, EvaluationEntry, Protocol, chosen_for
+from .relit import relit_lights, save_relit
 from .truth import ARRAYS, FRONT, RECORD, is_whole, relit_files
 
 logger = logging.getLogger(__name__)

@@ -1,0 +1,1 @@
+"""Assets as objects, materials and files of Blender."""

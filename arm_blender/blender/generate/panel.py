@@ -1,0 +1,231 @@
+"""The "ARM" tab of the 3D view's sidebar."""
+
+import os
+
+import bpy
+
+from ...errors import ArmError
+from ...quality_levels import PRESET, measured_levels
+from ..input import request, view_list
+from ..layout import draw_notice
+from ..setup import runtime
+from ..setup.stored import BASE_PACKAGE
+from .operators import is_running
+
+_CHARACTER = 7.0
+"""Pixels of a character of Blender's own font, about, at a scale of 1."""
+
+
+class _InSidebar:
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "ARM"
+
+
+class ARM_PT_generate(_InSidebar, bpy.types.Panel):
+    """Views in, relightable mesh out"""
+
+    bl_label = "Relightable 3D"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        settings, state = context.scene.arm, context.window_manager.arm
+        missing = runtime.problem()
+        if missing:
+            _draw_error(self.layout, context, missing)
+            self.layout.operator("preferences.addon_show", text="Open the Preferences").module = BASE_PACKAGE
+        options = self.layout.column()
+        options.enabled = not is_running()
+        options.use_property_split = True
+        options.use_property_decorate = False
+        _draw_source(options, context)
+        options.separator()
+        _draw_choice(options, settings, "shape")
+        if settings.shape == "MESH":
+            _draw_own_mesh(options, context)
+        options.separator()
+        options.prop(settings, "preset")
+        options.prop(settings, "quality")
+        _draw_measured(options, settings)
+        options.prop(settings, "texture_size")
+        if settings.shape == "NETWORK":
+            options.prop(settings, "faces")
+            options.prop(settings, "normal_map")
+        options.prop(settings, "seed")
+        options.separator()
+        if settings.shape == "NETWORK":
+            options.prop(settings, "placement")
+            if settings.placement == "ground":
+                options.prop(settings, "size")
+        options.prop(settings, "as_asset")
+        self.layout.separator()
+        if is_running():
+            row = self.layout.row(align=True)
+            row.progress(factor=state.fraction, text=state.message)
+            row.operator("arm.cancel", text="", icon="X")
+            if state.time:
+                self.layout.label(text=state.time, icon="TIME")
+        else:
+            row = self.layout.row()
+            row.scale_y = 1.5
+            row.operator("arm.generate", icon="MESH_MONKEY")
+            if state.error != state.views_error:  # That stands beside the views already.
+                _draw_error(self.layout, context, state.error)
+
+
+class ARM_PT_advanced(_InSidebar, bpy.types.Panel):
+    """What few need"""
+
+    bl_label = "Advanced"
+    bl_parent_id = "ARM_PT_generate"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        options = self.layout.column()
+        options.enabled = not is_running()
+        options.use_property_split = True
+        options.use_property_decorate = False
+        options.prop(context.scene.arm, "own_weights")
+
+
+class ARM_PT_result(_InSidebar, bpy.types.Panel):
+    """What the active result was made with, what it shows, and its appearance made anew"""
+
+    bl_label = "Result"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return context.object is not None and "arm_settings" in context.object
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, shown = self.layout, context.object
+        if shown.active_material is not None:
+            layout.prop(shown.active_material, "arm_view")
+        if "arm_frame" not in shown:  # The command line made it: there is nothing to go back to.
+            return
+        try:
+            _draw_report(layout, request.stored_settings(shown))
+        except ArmError as error:
+            _draw_error(layout, context, str(error))
+            return
+        layout.operator("arm.regenerate", icon="FILE_REFRESH")
+        layout.operator("arm.recall", icon="LOOP_BACK")
+
+
+def _draw_source(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    settings, state = context.scene.arm, context.window_manager.arm
+    _draw_choice(layout, settings, "source")
+    row = layout.row(align=True)
+    if settings.source == "FILES":
+        row.prop(settings, "views_path", text="")
+        listed = bool(settings.views_path) and settings.views_of == request.path_key(settings.views_path)
+    else:
+        row.label(text="Cameras with background images", icon="VIEW_CAMERA")
+        listed = settings.views_of == request.cameras_key(context)
+    row.operator("arm.look", text="", icon="FILE_REFRESH")
+    if view_list.is_looking():
+        layout.label(text="Reading the views", icon="SORTTIME")
+    elif listed and len(settings.views) == 1:
+        _draw_picture(layout)
+    elif listed:
+        _draw_views(layout, settings)
+    _draw_error(layout, context, state.views_error)
+    if settings.source == "FILES" and listed and settings.views_kind == "picture":
+        layout.prop(settings, "elevation")
+        layout.prop(settings, "fovy")
+        drawn = layout.box().column()
+        drawn.prop(settings, "multiview_model", text="Zero123++")
+        if settings.multiview_model:
+            drawn.prop(settings, "multiview_steps")
+            drawn.operator("arm.draw_views", icon="IMAGE_DATA")
+    if settings.source == "CAMERAS" or (listed and settings.views_kind == "rig"):
+        layout.prop(settings, "rig_distance")
+        layout.prop(settings, "fovy")
+    if settings.source == "CAMERAS":
+        layout.operator("arm.add_cameras", text="Add Rig of Six Cameras", icon="OUTLINER_OB_CAMERA")
+    elif listed and settings.views_kind != "picture":
+        layout.operator("arm.add_cameras", text="Add Cameras of the Views", icon="OUTLINER_OB_CAMERA")
+
+
+def _draw_choice(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, name: str) -> None:
+    """Alternatives side by side, without a label that would leave them no room."""
+    row = layout.row()
+    row.use_property_split = False
+    row.prop(settings, name, expand=True)
+
+
+def _draw_picture(layout: bpy.types.UILayout) -> None:
+    """A single picture and its foreground, large."""
+    row = layout.row()
+    for icon in view_list.icons(0):
+        row.template_icon(icon_value=icon, scale=5.0)
+
+
+def _draw_views(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
+    """A line for each view: tick, picture, foreground, weight."""
+    column = layout.column(align=True)
+    column.use_property_split = False
+    for index, view in enumerate(settings.views):
+        row = column.row(align=True)
+        row.prop(view, "use", text="")
+        for icon in view_list.icons(index):
+            row.template_icon(icon_value=icon, scale=2.0)
+        rest = row.row(align=True)
+        rest.enabled = view.use and view.sees
+        if view.sees:
+            rest.prop(view, "weight", text=view.name)
+        else:
+            rest.label(text=f"{view.name}: shows nothing", icon="INFO")
+
+
+def _draw_own_mesh(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    chosen = context.object
+    if chosen is None or chosen.type != "MESH":
+        layout.label(text="Select a mesh", icon="ERROR")
+    elif context.mode != "OBJECT":
+        layout.label(text=f"{chosen.name}: go back to Object Mode", icon="ERROR")
+    else:
+        uvs = "its UVs" if len(chosen.data.uv_layers) else "new UVs"
+        layout.label(text=f"{chosen.name}, {uvs}", icon="MESH_DATA")
+
+
+def _draw_measured(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
+    """What the quality takes and gives, as far as it was measured."""
+    if settings.preset != PRESET:
+        return
+    level = measured_levels()[settings.quality]
+    own_mesh = settings.shape == "MESH"
+    seconds = sum(value for stage, value in level.seconds.items() if stage != "shape" or not own_mesh)
+    column = layout.column(align=True)
+    column.active = False
+    column.label(text=f"Measured: {seconds:.0f} s", icon="INFO")
+    if not own_mesh:
+        column.label(text=f"Chamfer distance {level.chamfer:.3f}", icon="BLANK1")
+    column.label(text=f"Color {level.psnr:.1f} dB", icon="BLANK1")
+
+
+def _draw_report(layout: bpy.types.UILayout, kept: dict) -> None:
+    report = kept.get("report", {})
+    column = layout.column(align=True)
+    column.label(text=f"{kept['preset']}, {kept['quality']}, seed {kept['seed']}")
+    if kept["own_weights"]:
+        column.label(text=f"weights of {os.path.basename(os.path.normpath(kept['own_weights']))}")
+    if report.get("faces") is not None:
+        column.label(text=f"{report['faces']:,} faces, texture {report['texture_size']}")
+    for stage, seconds in report.get("seconds", {}).items():
+        column.label(text=f"{stage}: {seconds:.1f} s")
+
+
+def _draw_error(layout: bpy.types.UILayout, context: bpy.types.Context, message: str) -> None:
+    """One message, as many lines as the sidebar needs for it."""
+    if not message:
+        return
+    scale = context.preferences.system.ui_scale
+    width = max(20, int(context.region.width / (_CHARACTER * scale)) - 6)
+    box = layout.box()
+    box.alert = True
+    draw_notice(box, message, width)
+
+
+classes = (ARM_PT_generate, ARM_PT_advanced, ARM_PT_result)
+
+register, unregister = bpy.utils.register_classes_factory(classes)

@@ -1,0 +1,1 @@
+"""What the user chooses: views, cameras of the scene, a mesh of his own; read into a request."""

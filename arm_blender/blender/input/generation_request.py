@@ -1,0 +1,176 @@
+"""What the panel asks for, copied out of Blender, and its views. No bpy in this module: views are read on a thread.
+
+Nor is torch imported here: Blender's main thread imports this module when the extension is enabled.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ...progress import Progress
+    from ...report import Report
+    from ...structures import ViewSet
+    from ...views import ViewOptions
+    from ...views.multiview import View
+
+
+@dataclass(frozen=True)
+class CameraPicture:
+    """What one camera of the scene sees, copied out of Blender.
+
+    Attributes:
+        name: of the camera.
+        pixels: (H, W, 4) float32 as Blender holds them, row 0 at the bottom.
+        encoded: colours are sRGB, not linear.
+        premultiplied: colours are multiplied by alpha.
+        c2w: (4, 4) camera to world, rigid.
+        K: (3, 3) in pixels of this picture, row 0 on top.
+    """
+
+    name: str
+    pixels: np.ndarray
+    encoded: bool
+    premultiplied: bool
+    c2w: np.ndarray
+    K: np.ndarray
+
+
+@dataclass(frozen=True)
+class OwnMesh:
+    """A mesh of the user's, copied out of Blender.
+
+    Attributes:
+        name: of the object.
+        vertices: (N, 3) world or, where the object is a result, in the frame of its cameras.
+        faces: (F, 3) indices into `vertices`.
+        corner_uvs: (F, 3, 2), or None where the mesh has no UVs.
+        origin: of the object, in the space of the vertices; its result gets the same.
+    """
+
+    name: str
+    vertices: np.ndarray
+    faces: np.ndarray
+    corner_uvs: np.ndarray | None
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class GenerationRequest:
+    """The user's wishes, copied out of Blender's properties before the work starts."""
+
+    views: Path | tuple[CameraPicture, ...]
+    """One image, a folder with transforms.json, or a folder of six images in the rig's order; or cameras' pictures."""
+    name: str | None = None
+    """Of the result; None takes that of the views."""
+    weights: tuple[float, ...] | None = None
+    """One per view, 0 leaves it out; None takes the views' own."""
+    elevation_deg: float | None = None
+    """Of the camera of a single picture."""
+    fovy_deg: float | None = None
+    """Of a single picture or of the rig."""
+    rig_distance: float = 4.0
+    """Of the rig."""
+    mesh: OwnMesh | None = None
+    """The shape; None has it reconstructed."""
+    mesh_in_place: bool = False
+    """The mesh is in the frame of the views' cameras, also where those are assumed."""
+    preset: str = "small"
+    quality: str = "balanced"
+    texture_size: int | None = None
+    """Texels a side at most; None leaves it to the quality."""
+    faces: int | None = None
+    """Triangles at most; None leaves it to the quality."""
+    normal_map: bool = False
+    """Bake the detail lost to the face budget; a mesh of the user's loses none."""
+    own_weights: str | None = None
+    """Folder of weights of the user's own; None takes those of the preset."""
+    seed: int = 0
+    device: str = "auto"
+    """"cpu", "cuda" or "mps"; "auto" is CUDA where PyTorch finds it, else the CPU."""
+    threads: int | None = None
+    """None leaves it to torch."""
+
+    def as_settings(self) -> dict[str, object]:
+        """What another run needs to be asked for the same, as JSON types; pictures and mesh by their names."""
+        cameras = None if isinstance(self.views, Path) else [picture.name for picture in self.views]
+        return {
+            "views": str(self.views) if cameras is None else None,
+            "cameras": cameras,
+            "mesh": None if self.mesh is None else self.mesh.name,
+            "weights": None if self.weights is None else list(self.weights),
+        } | {name: getattr(self, name) for name in PLAIN}
+
+
+PLAIN = (
+    "elevation_deg",
+    "fovy_deg",
+    "rig_distance",
+    "preset",
+    "quality",
+    "texture_size",
+    "faces",
+    "normal_map",
+    "own_weights",
+    "seed",
+)
+"""Fields of a request that are kept with its result as they are; device and threads are the machine's."""
+
+
+def view_options(request: GenerationRequest) -> ViewOptions:
+    """How the pictures of a request are taken that come without cameras."""
+    from ...views import ViewOptions
+
+    return ViewOptions(
+        rig_distance=request.rig_distance, elevation_deg=request.elevation_deg, fovy_deg=request.fovy_deg
+    )
+
+
+def view_of_camera(picture: CameraPicture) -> View:
+    """A picture of a camera as a view, cut out.
+
+    Raises:
+        InputImageError: it does not do.
+    """
+    import torch
+
+    from ...graphics.cameras import Camera
+    from ...graphics.color import linear_from_srgb
+    from ...views import preprocess
+    from ...views.foreground import foreground
+    from ...views.multiview import View
+
+    path = Path(picture.name)
+    image = torch.from_numpy(picture.pixels[::-1].copy()).permute(2, 0, 1).clamp(0.0, 1.0)
+    color, alpha = image[:3], image[3:]
+    if picture.premultiplied:
+        color = torch.where(alpha > 0.0, color / alpha.clamp(min=1e-6), 0.0)
+    if picture.encoded:
+        color = linear_from_srgb(color)
+    cut_out = foreground(torch.cat([color.clamp(0.0, 1.0), alpha]), path)
+    height, width = cut_out.shape[1:]
+    camera = Camera(torch.tensor(picture.c2w).float(), torch.tensor(picture.K).float(), width, height)
+    cut_out = preprocess.limit_size(cut_out, path)
+    return View(path, cut_out, camera.resized(cut_out.shape[2], cut_out.shape[1]))
+
+
+def read_views(request: GenerationRequest, progress: Progress, report: Report) -> ViewSet:
+    """The views of a request, ready for a run; `report` is told what is not used.
+
+    Raises:
+        ArmError: as `load_views`; `Cancelled` from `progress`.
+    """
+    from ...views import load_views, view_set
+
+    if isinstance(request.views, Path):
+        options = replace(view_options(request), weights=request.weights)
+        return load_views(request.views, options, progress, report.leave_out, report.note_mask)
+    views = []
+    for index, picture in enumerate(request.views):
+        progress(index / len(request.views), f"reading {picture.name}")
+        views.append(view_of_camera(picture))
+    return view_set(views, Path(request.name or "object"), request.weights, report.leave_out)

@@ -1,0 +1,96 @@
+"""A look at the views before anything long starts: each picture, its foreground, its weight. No bpy in this module."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ...progress import Progress
+    from ...views.multiview import View
+    from .generation_request import GenerationRequest
+
+SIDE = 128
+"""Pixels of the longer side of a thumbnail."""
+
+Kind = Literal["picture", "rig", "posed"]
+"""One picture from the front, pictures of the rig, or views with cameras of their own."""
+
+
+@dataclass(frozen=True)
+class SeenView:
+    """One view, as the panel shows it.
+
+    Attributes:
+        name: of the file or camera.
+        picture: (h, w, 4) float32 sRGB, opaque, row 0 at the bottom.
+        mask: (h, w, 4) the same of the foreground, white on black.
+        weight: how much it counts, as the views say.
+        sees: it shows something.
+        camera: c2w (4, 4) and K (3, 3).
+        size: width and height in pixels that K is for.
+        path: of the picture.
+    """
+
+    name: str
+    picture: np.ndarray
+    mask: np.ndarray
+    weight: float
+    sees: bool
+    camera: tuple[np.ndarray, np.ndarray]
+    size: tuple[int, int]
+    path: Path
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a look found."""
+
+    kind: Kind
+    views: tuple[SeenView, ...]
+
+
+def look(request: GenerationRequest, progress: Progress) -> Look:
+    """The views of a request, read and cut out as its run will do it.
+
+    Raises:
+        ArmError: as reading them for the run; `Cancelled` from `progress`.
+    """
+    progress(0.0, "reading the views")
+    from ...views import has_cameras, read_views
+    from .generation_request import view_of_camera, view_options
+
+    if isinstance(request.views, Path):
+        views = read_views(request.views, view_options(request), progress)
+        kind: Kind = "posed" if has_cameras(request.views) else "picture" if len(views) == 1 else "rig"
+    else:
+        views, kind = [view_of_camera(picture) for picture in request.views], "posed"
+    return Look(kind, tuple(_seen(view) for view in views))
+
+
+def _seen(view: View) -> SeenView:
+    import torch
+
+    from ...graphics.color import srgb_from_linear
+    from ...views.masks import sees_something
+
+    height, width = view.image.shape[1:]
+    scale = min(1.0, SIDE / max(height, width))
+    size = max(1, round(height * scale)), max(1, round(width * scale))
+    small = torch.nn.functional.interpolate(view.image[None], size=size, mode="area")[0].flip(1)
+    opaque = torch.ones_like(small[3:])
+    picture = torch.cat([srgb_from_linear(small[:3].clamp(0.0, 1.0)), opaque])
+    mask = torch.cat([small[3:].expand(3, -1, -1), opaque])
+    return SeenView(
+        name=view.path.name,
+        picture=picture.permute(1, 2, 0).contiguous().numpy(),
+        mask=mask.permute(1, 2, 0).contiguous().numpy(),
+        weight=view.weight,
+        sees=sees_something(view.image[3]),
+        camera=(view.camera.c2w.numpy(), view.camera.K.numpy()),
+        size=(view.camera.width, view.camera.height),
+        path=view.path,
+    )

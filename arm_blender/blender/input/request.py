@@ -1,0 +1,137 @@
+"""From the panel's settings, or from those that a result was made with, to a request."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ...errors import ArmError
+from ..setup import runtime
+from .generation_request import PLAIN, CameraPicture, GenerationRequest
+
+ADDED_LATER = {"own_weights": None}
+"""Settings that results of earlier versions do not carry, and what they were made with."""
+
+
+def from_panel(context: bpy.types.Context, filepath: str = "") -> GenerationRequest:
+    """What the panel asks for.
+
+    Args:
+        context: its scene holds the settings; the active object is the mesh, where one is wanted.
+        filepath: views instead of those that the panel names.
+    Raises:
+        ArmError: no views are chosen, or the selected mesh or the cameras do not do.
+    """
+    settings = context.scene.arm
+    wanted = views_from_panel(context, filepath)
+    if settings.shape == "MESH":
+        from .own_mesh import selected_mesh
+
+        mesh = selected_mesh(context)
+        wanted = replace(wanted, mesh=mesh, name=mesh.name)
+    return replace(
+        wanted,
+        weights=panel_weights(context, wanted),
+        preset=settings.preset,
+        quality=settings.quality,
+        texture_size=None if settings.texture_size == "AUTO" else int(settings.texture_size),
+        faces=settings.faces or None,
+        normal_map=settings.normal_map and settings.shape == "NETWORK",
+        own_weights=bpy.path.abspath(settings.own_weights) or None,
+        seed=settings.seed,
+        **_machine(),
+    )
+
+
+def views_from_panel(context: bpy.types.Context, filepath: str = "") -> GenerationRequest:
+    """The part of a request that says which views there are.
+
+    Raises:
+        ArmError: none are chosen, or a camera does not do.
+    """
+    settings = context.scene.arm
+    if settings.source == "CAMERAS" and not filepath:
+        listed = settings.views_of == cameras_key(context) and [view.name for view in settings.views]
+        return GenerationRequest(_cameras(context, listed or None), name=context.scene.name)
+    chosen = filepath or settings.views_path
+    if not chosen:
+        raise ArmError("Choose an image or a folder of views first")
+    return GenerationRequest(
+        Path(bpy.path.abspath(chosen)),
+        elevation_deg=settings.elevation,
+        fovy_deg=settings.fovy,
+        rig_distance=settings.rig_distance,
+    )
+
+
+def panel_weights(context: bpy.types.Context, request: GenerationRequest) -> tuple[float, ...] | None:
+    """The ticks and weights of the panel's list, where it is that of the request's views; else None."""
+    settings = context.scene.arm
+    if not len(settings.views) or settings.views_of != views_key(context, request):
+        return None
+    return tuple(view.weight if view.use else 0.0 for view in settings.views)
+
+
+def views_key(context: bpy.types.Context, request: GenerationRequest) -> str:
+    """What the panel's list is known by, to be the list of a request's views."""
+    return path_key(str(request.views)) if isinstance(request.views, Path) else cameras_key(context)
+
+
+def path_key(path: str) -> str:
+    """As `views_key`, of files; a folder's slash at the end, and `//` for that of the .blend, do not matter."""
+    return str(Path(bpy.path.abspath(path)))
+
+
+def cameras_key(context: bpy.types.Context) -> str:
+    """As `views_key`, of the cameras of the scene."""
+    return f"cameras of {context.scene.name}"
+
+
+def from_result(context: bpy.types.Context) -> GenerationRequest:
+    """The request that the active object answered, for its appearance alone: its mesh stays.
+
+    Ticks and weights are those of the panel where it lists the same views, else those of the first time.
+
+    Raises:
+        ArmError: the object is no result, its mesh or its cameras do not do, or its settings cannot be read.
+    """
+    from .own_mesh import mesh_of_result
+
+    mesh = mesh_of_result(context)
+    kept = stored_settings(context.object)
+    views: Path | tuple[CameraPicture, ...]
+    views = Path(kept["views"]) if kept["views"] else _cameras(context, kept["cameras"])
+    wanted = GenerationRequest(views, name=mesh.name, mesh=mesh, mesh_in_place=True, **_machine())
+    weights = panel_weights(context, wanted)
+    if weights is None and kept["weights"] is not None:
+        weights = tuple(kept["weights"])
+    return replace(wanted, weights=weights, **{name: kept[name] for name in PLAIN})
+
+
+def stored_settings(made: bpy.types.Object) -> dict[str, Any]:
+    """The settings that a result carries: those of `GenerationRequest.as_settings`, `report` and `versions`.
+
+    Raises:
+        ArmError: it carries none that can be read.
+    """
+    try:
+        kept = ADDED_LATER | json.loads(made["arm_settings"])
+        missing = {"views", "cameras", "weights", *PLAIN} - kept.keys()
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise ArmError(f"{made.name}: carries no settings of ours; generate it anew") from error
+    if missing:
+        raise ArmError(f"{made.name}: its settings lack {', '.join(sorted(missing))}; generate it anew")
+    return kept
+
+
+def _cameras(context: bpy.types.Context, names: list[str] | None) -> tuple[CameraPicture, ...]:
+    from .scene_cameras import camera_pictures
+
+    return camera_pictures(context.scene, context.evaluated_depsgraph_get(), names)
+
+
+def _machine() -> dict[str, Any]:
+    """The fields of a request that are this machine's, and not kept with a result."""
+    return {"device": runtime.device(), "threads": runtime.threads()}

@@ -1,0 +1,1 @@
+"""Assets under other light: stills, turntables, videos."""

@@ -1,0 +1,1 @@
+"""The preferences: libraries, weights, folders, device; and what they put into effect."""

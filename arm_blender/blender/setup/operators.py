@@ -1,0 +1,268 @@
+"""The buttons of the preferences: install libraries, bring weights. Thin wrappers: the work is done elsewhere."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+from bpy.props import EnumProperty, StringProperty
+
+from ...errors import ArmError
+from ...machine import library_install
+from ...progress import Progress
+from . import background, runtime
+from .stored import preferences, user_folder
+
+OFFLINE = "Blender is offline; allow online access in Preferences > System > Network"
+NO_LIST = "There is no list of wheels for this platform and Python; name a folder that holds the libraries instead"
+BUSY = "Something else is being done"
+
+EXTRAS = EnumProperty(
+    name="Libraries",
+    items=(
+        (runtime.TORCH, "PyTorch (GPU)", "PyTorch with CUDA"),
+        (runtime.MULTIVIEW, "Six Views from One Picture", "diffusers, transformers and what they need"),
+    ),
+    options={"SKIP_SAVE"},
+)
+
+
+@dataclass(frozen=True)
+class WeightsRow:
+    """One line of the list of weights, as strings for the user."""
+
+    name: str
+    condition: str
+    licence: str
+    enables: str
+    path: str
+    remedy: str
+    download: str
+    """How large it is and whether that takes an account; empty where it cannot be downloaded."""
+
+
+_weights: tuple[WeightsRow, ...] | None = None
+
+
+def weights() -> tuple[WeightsRow, ...] | None:
+    """The list as it was last read; None where it was not."""
+    return _weights
+
+
+class _WhileIdle:
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if background.progress() is not None:
+            cls.poll_message_set(BUSY)
+            return False
+        return True
+
+    def _prepared(self) -> bool:
+        """Whether the libraries are there; says what is missing where they are not."""
+        try:
+            runtime.prepare()
+        except ArmError as error:
+            self.report({"ERROR"}, str(error))
+            return False
+        return True
+
+    def _concluded(self) -> set[str]:
+        """What the operator returns once its work was started: without a window that work has ended."""
+        if bpy.app.background and background.error():
+            self.report({"ERROR"}, background.error())
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+class _WhileOnline(_WhileIdle):
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not bpy.app.online_access:
+            cls.poll_message_set(OFFLINE)
+            return False
+        return super().poll(context)
+
+
+class ARM_OT_install_libraries(_WhileOnline, bpy.types.Operator):
+    """Download libraries from the Python package index into the extension's own folder; each file's hash is checked"""
+
+    bl_idname = "arm.install_libraries"
+    bl_label = "Install Libraries"
+
+    extra: EXTRAS
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        extra, lock = self.extra, library_install.lock_of(self.extra)
+        if lock is None:
+            self.report({"ERROR"}, NO_LIST)
+            return {"CANCELLED"}
+        libraries, cache = user_folder("libraries"), user_folder("cache")
+
+        def done(folder: Path) -> None:
+            if extra == runtime.TORCH and preferences() is not None:
+                preferences().pytorch_source = "INSTALLED"
+
+        background.start(lambda progress: library_install.install(lock, libraries, progress, cache), done)
+        return self._concluded()
+
+
+class ARM_OT_remove_libraries(_WhileIdle, bpy.types.Operator):
+    """Delete the libraries that the button installed"""
+
+    bl_idname = "arm.remove_libraries"
+    bl_label = "Remove Libraries"
+
+    extra: EXTRAS
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        lock = library_install.lock_of(self.extra)
+        if lock is None or runtime.installed(self.extra) is None:
+            self.report({"ERROR"}, "Nothing is installed")
+            return {"CANCELLED"}
+        try:
+            library_install.remove(lock, user_folder("libraries"))
+        except ArmError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        if self.extra == runtime.TORCH and preferences().pytorch_source == "INSTALLED":
+            preferences().pytorch_source = "BUNDLED"
+        return {"FINISHED"}
+
+
+class ARM_OT_list_weights(_WhileIdle, bpy.types.Operator):
+    """Show the networks' weights: what there is, whether it is whole, under which licence, and what it enables"""
+
+    bl_idname = "arm.list_weights"
+    bl_label = "Show Weights"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        if not self._prepared():
+            return {"CANCELLED"}
+        background.start(_read_weights, _show_weights)
+        return self._concluded()
+
+
+class ARM_OT_import_weights(_WhileIdle, bpy.types.Operator):
+    """Convert weights of another project that you have downloaded; code in the file is never run"""
+
+    bl_idname = "arm.import_weights"
+    bl_label = "Import Weights"
+
+    filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
+    kind: EnumProperty(
+        name="Network",
+        items=(
+            ("auto", "By the File's Name", "For files that are named as their publishers name them"),
+            ("georm", "Shape: InstantMesh", "Its instant_nerf or instant_mesh checkpoint, for the preset InstantMesh"),
+            ("image-encoder", "Image Encoder: DINO ViT-B/16", "What training the paper's GeoRM begins with"),
+            (
+                "material-encoder",
+                "Material Encoder: DINO ViT-B/8",
+                "What training the paper's InstantAlbedo begins with",
+            ),
+            ("matting", "Foreground: U2-Net or IS-Net", "An ONNX model that cuts the object out of a photograph"),
+        ),
+    )
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        if not self._prepared():
+            return {"CANCELLED"}
+        source, kind = Path(bpy.path.abspath(self.filepath)), self.kind
+
+        def work(progress: Progress) -> tuple[WeightsRow, ...]:
+            progress(0.0, f"Converting {source.name}")
+            from ...weight_files.install import install
+
+            for _ in install(source, None if kind == "auto" else kind):
+                progress(0.5, f"Converting {source.name}")
+            return _read_weights(progress)
+
+        background.start(work, _show_weights)
+        return self._concluded()
+
+
+class ARM_OT_download_weights(_WhileOnline, bpy.types.Operator):
+    """Download weights from those who publish them; what has arrived when it is stopped is gone on with"""
+
+    bl_idname = "arm.download_weights"
+    bl_label = "Download Weights"
+
+    name: StringProperty(name="Weights", options={"SKIP_SAVE"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        return context.window_manager.invoke_props_dialog(self, width=420)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        for row in (row for row in weights() or () if row.name == self.name):
+            self.layout.label(text=f"{row.name}: {row.download}")
+            self.layout.label(text=f"Licence: {row.licence}. By downloading you accept it.", icon="INFO")
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        if not self._prepared():
+            return {"CANCELLED"}
+        name = self.name
+
+        def work(progress: Progress) -> tuple[WeightsRow, ...]:
+            from ...weight_files import install
+
+            install.download(name, progress)
+            return _read_weights(progress)
+
+        background.start(work, _show_weights)
+        return self._concluded()
+
+
+class ARM_OT_cancel_setup(bpy.types.Operator):
+    """Stop what the preferences are doing"""
+
+    bl_idname = "arm.cancel_setup"
+    bl_label = "Cancel"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        background.cancel()
+        return {"FINISHED"}
+
+
+def _read_weights(progress: Progress) -> tuple[WeightsRow, ...]:
+    """Look at every file of the registry. Runs on a thread: files are read whole, and PyTorch is imported."""
+    progress(0.0, "Looking at the weights")
+    from ...weight_files import checkpoints
+
+    rows = []
+    for index, entry in enumerate(checkpoints.REGISTRY):
+        progress(index / len(checkpoints.REGISTRY), f"Checking {entry.name}")
+        path, condition = str(checkpoints.shipped(entry.name)), checkpoints.condition(entry.name)
+        row = (entry.name, condition, entry.licence, entry.enables, path, entry.remedy, entry.download)
+        rows.append(WeightsRow(*row))
+    return tuple(rows)
+
+
+def _show_weights(rows: tuple[WeightsRow, ...]) -> None:
+    global _weights
+    _weights = rows
+
+
+classes = (
+    ARM_OT_install_libraries,
+    ARM_OT_remove_libraries,
+    ARM_OT_list_weights,
+    ARM_OT_import_weights,
+    ARM_OT_download_weights,
+    ARM_OT_cancel_setup,
+)
+
+
+def register() -> None:
+    for cls in classes:
+        bpy.utils.register_class(cls)
+
+
+def unregister() -> None:
+    global _weights
+    background.stop()
+    _weights = None
+    for cls in reversed(classes):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,176 @@
+"""The panel shows what the chosen input needs and nothing else; the layout is a stand-in that remembers."""
+
+import types
+from pathlib import Path
+
+import pytest
+
+import arm_blender
+from arm_blender.machine import libraries
+from arm_blender.quality_levels import measured_levels
+
+bpy = pytest.importorskip("bpy")
+from arm_blender.blender.generate import panel as panels  # noqa: E402
+from arm_blender.blender.input import request  # noqa: E402
+
+pytestmark = pytest.mark.blender
+
+
+class Layout:
+    """Remembers properties, operators and labels, of all its parts together."""
+
+    def __init__(self, seen: dict[str, list] | None = None):
+        self.__dict__["seen"] = seen if seen is not None else {"prop": [], "operator": [], "label": [], "icon": []}
+
+    def __setattr__(self, name, value): ...
+
+    def _part(self, **options):
+        return Layout(self.seen)
+
+    row = column = box = _part
+
+    def prop(self, data, name, **options):
+        self.seen["prop"].append(name)
+
+    def operator(self, name, **options):
+        self.seen["operator"].append(name)
+        return types.SimpleNamespace()
+
+    def label(self, text="", **options):
+        self.seen["label"].append(text)
+
+    def template_icon(self, icon_value, scale):
+        self.seen["icon"].append(scale)
+
+    def separator(self): ...
+
+
+@pytest.fixture
+def settings(empty_file):
+    arm_blender.register()
+    yield bpy.context.scene.arm
+    arm_blender.unregister()
+
+
+def drawn(panel=None) -> dict[str, list]:
+    context = types.SimpleNamespace(
+        scene=bpy.context.scene,
+        window_manager=bpy.context.window_manager,
+        object=bpy.context.object,
+        mode=bpy.context.mode,
+        preferences=types.SimpleNamespace(system=types.SimpleNamespace(ui_scale=1.0)),  # 0 without a window.
+        region=types.SimpleNamespace(width=280),
+    )
+    layout = Layout()
+    (panel or panels.ARM_PT_generate).draw(types.SimpleNamespace(layout=layout), context)
+    return layout.seen
+
+
+def listed(settings, kind: str, names: list[str]) -> None:
+    settings.views_path = "//cup"
+    settings.views_of, settings.views_kind = request.path_key("//cup"), kind
+    for name in names:
+        settings.views.add().name = name
+
+
+@pytest.mark.parametrize("absent", [[], ["torch"]])
+def test_the_preferences_are_offered_only_where_something_is_missing(settings, monkeypatch, absent):
+    monkeypatch.setattr(libraries, "missing", lambda asked: absent)
+    seen = drawn()
+    assert ("preferences.addon_show" in seen["operator"]) == bool(absent)
+    assert ("PyTorch is missing" in " ".join(seen["label"])) == bool(absent)
+
+
+@pytest.mark.parametrize(
+    ("kind", "names", "shown", "hidden"),
+    [
+        ("picture", ["cup.png"], {"elevation", "fovy", "multiview_model"}, {"rig_distance", "use", "weight"}),
+        ("rig", list("012345"), {"rig_distance", "fovy", "use", "weight"}, {"elevation", "multiview_model"}),
+        ("posed", list("0123"), {"use", "weight"}, {"elevation", "fovy", "rig_distance"}),
+        ("", [], set(), {"elevation", "fovy", "rig_distance", "use", "weight"}),
+    ],
+)
+def test_only_what_the_views_need_is_shown(settings, kind, names, shown, hidden):
+    listed(settings, kind, names)
+    seen = drawn()
+    assert shown <= set(seen["prop"]) and not hidden & set(seen["prop"])
+    assert seen["prop"].count("use") == (len(names) if len(names) > 1 else 0)
+    assert len(seen["icon"]) == 2 * len(names), "each view has its picture and its foreground"
+
+
+def test_the_list_of_other_views_is_not_shown(settings):
+    listed(settings, "rig", list("012345"))
+    settings.views_path = "//other"
+    assert not {"use", "weight", "rig_distance"} & set(drawn()["prop"])
+
+
+def test_a_folder_of_own_weights_is_asked_for_apart_and_named_beside_its_result(settings, asset):
+    from arm_blender.blender.asset.scene import build_object
+    from arm_blender.blender.input.generation_request import GenerationRequest
+
+    assert "own_weights" not in drawn()["prop"]
+    assert drawn(panels.ARM_PT_advanced)["prop"] == ["own_weights"]
+    for folder, named in ((None, False), ("gone/of mine/", True)):
+        built = build_object(asset, GenerationRequest(Path("cup"), own_weights=folder).as_settings())
+        built["arm_frame"] = [1.0, 0.0, 0.0, 0.0]
+        assert ("weights of of mine" in drawn(panels.ARM_PT_result)["label"]) is named
+
+
+def test_a_view_that_shows_nothing_has_no_weight(settings):
+    listed(settings, "posed", ["a.png", "b.png"])
+    settings.views[1].sees = False
+    seen = drawn()
+    assert seen["prop"].count("weight") == 1 and "b.png: shows nothing" in seen["label"]
+
+
+def test_an_own_mesh_needs_no_faces_and_no_place(settings):
+    assert {"faces", "placement", "size"} <= set(drawn()["prop"])
+    settings.placement = "cameras"
+    assert "size" not in drawn()["prop"]
+    settings.shape = "MESH"
+    seen = drawn()
+    assert not {"faces", "placement", "size"} & set(seen["prop"]) and "Select a mesh" in seen["label"]
+    bpy.ops.mesh.primitive_cube_add()
+    assert "Cube, its UVs" in drawn()["label"]
+    bpy.ops.object.mode_set(mode="EDIT")
+    assert "Cube: go back to Object Mode" in drawn()["label"]
+
+
+@pytest.mark.parametrize("quality", ["draft", "balanced", "final"])
+def test_a_quality_says_what_was_measured_and_a_preset_without_measurements_nothing(settings, quality):
+    settings.quality = quality
+    level = measured_levels()[quality]
+    expected = {
+        f"Measured: {sum(level.seconds.values()):.0f} s",
+        f"Chamfer distance {level.chamfer:.3f}",
+        f"Color {level.psnr:.1f} dB",
+    }
+    assert expected <= set(drawn()["label"])
+    settings.shape = "MESH"
+    assert f"Measured: {sum(level.seconds.values()) - level.seconds['shape']:.0f} s" in drawn()["label"]
+    settings.preset = "paper"
+    assert not [line for line in drawn()["label"] if "Measured" in line]
+
+
+def test_a_long_error_is_shown_whole(settings):
+    message = "a/long/path/to/cup.png: no foreground found; supply an image with alpha, or one on a plain background"
+    bpy.context.window_manager.arm.error = message
+    labels = drawn()["label"]
+    assert all(len(line) < 45 for line in labels)
+    assert message.replace(" ", "") in "".join(labels).replace(" ", "")
+
+
+def test_a_result_is_described_and_one_of_the_command_line_only_switched(settings, asset):
+    from arm_blender.blender.asset.scene import build_object
+    from arm_blender.blender.input.generation_request import GenerationRequest
+
+    report = {"faces": 576, "texture_size": 16, "seconds": {"shape": 1.25, "appearance": 2.0}}
+    built = build_object(asset, GenerationRequest(Path("cup"), quality="draft").as_settings() | {"report": report})
+    assert panels.ARM_PT_result.poll(bpy.context)
+    assert drawn(panels.ARM_PT_result)["prop"] == ["arm_view"] and not drawn(panels.ARM_PT_result)["operator"]
+    built["arm_frame"] = [1.0, 0.0, 0.0, 0.0]
+    seen = drawn(panels.ARM_PT_result)
+    assert seen["operator"] == ["arm.regenerate", "arm.recall"]
+    assert seen["label"] == ["small, draft, seed 0", "576 faces, texture 16", "shape: 1.2 s", "appearance: 2.0 s"]
+    built["arm_settings"] = "{}"
+    assert any("generate it anew" in line for line in [" ".join(drawn(panels.ARM_PT_result)["label"])])
