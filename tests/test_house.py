@@ -12,23 +12,49 @@ import pytest
 ROOT = Path(__file__).parents[1]
 MODULES = sorted([*(ROOT / "arm_blender").rglob("*.py"), *(ROOT / "training").rglob("*.py")])
 RUNTIME = {"torch", "numpy", "xatlas", "trimesh", "fast_simplification", "safetensors", "OpenImageIO", "PIL"}
-LAYERS = [  # A module imports from its own layer and from earlier ones.
-    {
-        "errors",
-        "version",
-        "machine",
-        "progress",
-        "structures",
-        "graphics",
-    },  # structures holds cameras, and graphics fills structures.
-    {"models", "uv"},
+FLOORS: list[set[str]] = [  # Of arm_blender: a room knows itself and those on lower floors, not its neighbours.
+    {"errors", "version", "progress"},
+    {"machine"},
+    {"graphics.cameras"},
+    {"structures"},
+    {"graphics"},
+    {"graphics.raster", "graphics.surface", "graphics.light"},
+    {"uv"},
+    {"models"},
+    {"models.paper", "models.small"},
     {"weight_files"},
     {"views"},
-    {"config", "quality_levels", "report", "export"},
+    {"quality_levels", "report"},
+    {"config", "export"},
     {"networks"},
-    {"pipeline", "run"},
-    {"blender", "commands", "__main__", "__init__"},
+    {"pipeline"},
+    {"run"},
+    {"blender.compat", "blender.console", "blender.job", "blender.layout"},
+    {"blender.asset", "blender.setup"},
+    {"blender.input", "blender.relight"},
+    {"blender.generate"},
+    {"commands"},
+    {"__main__"},
+    {"blender"},
+    {"__init__"},
 ]
+TRAINING_FLOORS: list[set[str]] = [
+    {"training"},  # The modules at its root: losses, trainer, documents.
+    {"rendering"},
+    {"rasterized"},
+    {"datasets"},
+    {"stages", "evaluation.truth"},
+    {"evaluation.scores"},
+    {"evaluation.trials"},
+    {"evaluation.tables"},
+    {"evaluation"},
+    {"studies"},
+    {"__main__"},
+]
+MOST_MODULES = 20
+"""In one room; a larger one is cut."""
+MOST_AT_THE_ROOT = 12
+"""Modules of arm_blender beside `__init__` and `__main__`: the story and its nouns."""
 OPTIONAL = {"diffusers", "transformers", "ray", "webdataset", "psutil", "resource", "onnxruntime", "rembg"}
 """Extras that a user may install; imported inside functions only."""
 
@@ -39,7 +65,7 @@ def syntax(path: Path) -> ast.Module:
 
 def module_name(path: Path) -> str:
     parts = list(path.relative_to(ROOT).with_suffix("").parts)
-    return ".".join(parts[:-1] if parts[-1] == "__init__" and len(parts) > 2 else parts)
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
 def imports(path: Path) -> list[tuple[str, bool]]:
@@ -60,20 +86,34 @@ def imports(path: Path) -> list[tuple[str, bool]]:
         elif isinstance(node, ast.ImportFrom):
             base = package[: len(package) + 1 - node.level] if node.level else []
             module = ".".join([*base, *([node.module] if node.module else [])])
-            # `from . import x` may name a module: with its name appended, its layer can be read off.
-            names = [f"{module}.{alias.name}" for alias in node.names] if module.count(".") == 0 else [module]
+            names = [f"{module}.{alias.name}" for alias in node.names]  # Which may be a module.
         found += [(name, id(node) not in deferred) for name in names]
     return found
 
 
-def layer(module: str) -> int:
-    """Which layer of `arm_blender` a module belongs to."""
-    part = (module.split(".") + ["__init__"])[1]
-    if not ((ROOT / "arm_blender" / part).exists() or (ROOT / "arm_blender" / f"{part}.py").exists()):
-        part = "__init__"  # `from arm_blender import __version__`: a name, not a module.
-    places = [index for index, names in enumerate(LAYERS) if part in names]
-    assert places, f"{module}: give it a layer"
-    return places[0]
+def known(path: Path) -> set[str]:
+    """The modules of ours that a module imports, whenever that is."""
+    ours = {module_name(other) for other in MODULES}
+    found = set()
+    for imported, _ in imports(path):
+        while imported and imported not in ours:  # `from package.module import name`: the name goes.
+            imported = imported.rpartition(".")[0]
+        found.add(imported)
+    return found - {"", module_name(path)}
+
+
+def floor(module: str) -> tuple[int, str]:
+    """On which floor of its package a module stands, and in which room: the longest name there that begins its own."""
+    package, _, rest = module.partition(".")
+    floors = FLOORS if package == "arm_blender" else TRAINING_FLOORS
+    rooms = {room: index for index, names in enumerate(floors) for room in names}
+    name = rest or "__init__"
+    while name and name not in rooms:
+        name = name.rpartition(".")[0]
+    if not name and package == "training" and "." not in rest:
+        name = "training"
+    assert name, f"{module}: give it a room"
+    return rooms[name], name
 
 
 @pytest.fixture(params=MODULES, ids=module_name)
@@ -88,11 +128,29 @@ def test_the_packages_are_found():
 
 def test_imports_flow_one_way(module):
     name = module_name(module)
-    for imported, _ in imports(module):
-        if name.startswith("arm_blender"):
-            assert not imported.startswith("training"), f"{name} imports {imported}"
-            if imported.startswith("arm_blender"):
-                assert layer(imported) <= layer(name), f"{name} imports {imported}"
+    package = name.partition(".")[0]
+    for imported in known(module):
+        if imported.partition(".")[0] != package:
+            assert package == "training", f"{name} imports {imported}"
+            continue
+        (own, room), (other, neighbour) = floor(name), floor(imported)
+        assert other < own or room == neighbour, f"{name} ({room}) imports {imported} ({neighbour})"
+
+
+def test_no_import_goes_in_a_circle():
+    graph = {module_name(path): known(path) for path in MODULES}
+    order: list[str] = []
+    while ready := [name for name in graph if name not in order and graph[name] <= {*order, name}]:
+        order += ready
+    assert not graph.keys() - order
+
+
+def test_rooms_stay_small_enough_to_know():
+    for folder in {path.parent for path in MODULES}:
+        own = [path.stem for path in folder.glob("*.py") if path.stem != "__init__"]
+        assert len(own) <= MOST_MODULES, f"{folder.relative_to(ROOT)}: {len(own)} modules"
+    root = {path.stem for path in (ROOT / "arm_blender").glob("*.py")} - {"__init__", "__main__"}
+    assert len(root) <= MOST_AT_THE_ROOT, sorted(root)
 
 
 def test_only_blender_code_imports_bpy(module):

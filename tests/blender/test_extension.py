@@ -163,7 +163,9 @@ def test_the_command_hands_its_words_to_the_command_line(monkeypatch):
 
 
 def test_request_and_worker_know_nothing_of_bpy():
-    modules = ", ".join(f"arm_blender.blender.{name}" for name in ("generation", "job", "looking", "remaining"))
+    modules = ", ".join(
+        f"arm_blender.blender.{name}" for name in ("generate.generation", "generate.remaining", "input.looking", "job")
+    )
     source = f"import sys, {modules}; print('bpy' in sys.modules, 'torch' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", source], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False False"

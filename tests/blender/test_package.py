@@ -108,10 +108,10 @@ added = {{name.partition(".")[0] for name in set(sys.modules) - before}}
 assert not heavy & added, f"enabling imports {{heavy & added}}"
 import {LIBRARY}
 from bl_ext.user_default.arm_blender.arm_blender import blender
-preferences = importlib.import_module(blender.__name__ + ".preferences")
+preferences = importlib.import_module(blender.__name__ + ".setup.stored")
 assert preferences.preferences().threads == 0, "the preferences belong to the extension"
 assert bpy.context.scene.arm.seed == 0
-folder = importlib.import_module(blender.__name__ + ".preferences").user_folder("weights")
+folder = importlib.import_module(blender.__name__ + ".setup.stored").user_folder("weights")
 assert folder.parts[-2:] == ("arm_blender", "weights") and ".user" in folder.parts, folder
 package = importlib.import_module(blender.__name__.rpartition(".")[0])
 for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
