@@ -3,6 +3,7 @@
 import sys
 import tomllib
 import types
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -72,22 +73,56 @@ def test_wheels_are_asked_for_by_platform_and_python_and_nothing_else_comes_alon
         assert [command[i + 1] for i, word in enumerate(command) if word == "--platform"] == ["win_amd64"]
 
 
-def test_without_a_pytorch_for_the_platform_the_zip_is_built_without_it_and_says_so(tool, pip, tmp_path, capsys):
-    pip.absent, pip.words = ("torch",), "ERROR: No matching distribution found for {}"
+@pytest.mark.parametrize("words", ["No matching distribution found for {}", "ResolutionImpossible: {}", ""])
+def test_without_a_pytorch_for_the_platform_the_zip_is_built_without_it_and_says_so(tool, pip, tmp_path, capsys, words):
+    pip.absent, pip.words = ("torch",), f"ERROR: {words}"
     wheels, torch = tool.collect(tool.Target("linux-x64", "3.13"), tmp_path / "wheels", None, with_torch=True)
     assert not torch and wheels
     assert not {"torch", "sympy", "jinja2"} & {wheel.name.partition("-")[0] for wheel in wheels}
-    assert "pip finds no torch==" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert words.format("torch==2.13.0+cpu") in said and "--torch-index may name a place" in said
 
 
 @pytest.mark.parametrize(
-    "absent, words",
-    [("xatlas", "ERROR: No matching distribution found for {}"), ("torch", "ERROR: connection broken at {}")],
+    "absent, index, words",
+    [
+        ("xatlas", None, "ERROR: No matching distribution found for {}"),
+        ("sympy", None, "ERROR: No matching distribution found for {}"),
+        ("torch", "https://example.org/whl", "ERROR: No matching distribution found for {}"),
+        ("torch", "https://example.org/whl", "ERROR: connection broken at {}"),
+    ],
 )
-def test_any_other_failure_of_pip_ends_the_build(tool, pip, tmp_path, absent, words):
+def test_any_other_failure_of_pip_ends_the_build(tool, pip, tmp_path, absent, index, words):
     pip.absent, pip.words = (absent,), words
     with pytest.raises(tool.BuildError, match=f"linux-x64-cp311: pip: .*{absent}==.*; check the network"):
-        tool.collect(tool.Target("linux-x64", "3.11"), tmp_path / "wheels", None, with_torch=True)
+        tool.collect(tool.Target("linux-x64", "3.11"), tmp_path / "wheels", index, with_torch=True)
+
+
+@pytest.mark.parametrize("by_variable", [True, False])
+def test_pips_constraints_do_not_change_what_is_built(tool, tmp_path, monkeypatch, by_variable):
+    """The real pip, a folder in the place of its index, and constraints that exclude what is asked for."""
+    target = tool.Target("linux-x64", "3.13")
+    libraries, torch = tool.requirements(target)
+    for name, version in libraries.items():
+        wheel(tmp_path, name.replace("-", "_"), version)
+    (tmp_path / "constraints.txt").write_text("xatlas<=0.0.1\ntorch<=2.14.1\n", encoding="utf-8")
+    config = tmp_path / "pip.conf"
+    config.write_text("[global]\n" + f"constraint = {tmp_path / 'constraints.txt'}\n" * (not by_variable))
+    monkeypatch.setenv("PIP_CONFIG_FILE", str(config))
+    monkeypatch.setenv("PIP_CONSTRAINT", str(tmp_path / "constraints.txt") if by_variable else "")
+    monkeypatch.setenv("PIP_NO_INDEX", "1")
+    monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path))
+    wheels, torch = tool.collect(target, tmp_path / "wheels", None, with_torch=True)
+    assert not torch and len(wheels) == len(libraries)
+
+
+def wheel(folder: Path, name: str, version: str) -> None:
+    """One without content."""
+    with zipfile.ZipFile(folder / f"{name}-{version}-py3-none-any.whl", "w") as archive:
+        about = f"{name}-{version}.dist-info"
+        archive.writestr(f"{about}/METADATA", f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
+        archive.writestr(f"{about}/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
+        archive.writestr(f"{about}/RECORD", "")
 
 
 def test_without_blenders_tool_the_remedy_is_named(tool, pip, monkeypatch, capsys, tmp_path):

@@ -6,6 +6,7 @@ which the `bpy` of the Python that runs this brings. Standard library only.
 
 import argparse
 import importlib.util
+import os
 import re
 import shutil
 import subprocess
@@ -30,8 +31,6 @@ PLATFORMS = {
 BLENDERS = {"3.11": ("4.2.0", "5.1.0"), "3.13": ("5.1.0", None)}
 """The Blender versions of each Python: from the first, and before the second."""
 
-_NOT_FOUND = "No matching distribution found"
-
 
 class BuildError(Exception):
     """One line that says what is wrong, and the remedy."""
@@ -54,7 +53,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--output", type=Path, default=ROOT / "out" / "extension", metavar="DIR")
     parser.add_argument("--platform", nargs="+", default=[this_platform()], choices=PLATFORMS)
     parser.add_argument("--python", nargs="+", default=list(BLENDERS), choices=BLENDERS)
-    parser.add_argument("--torch-index", metavar="URL", help="where pip finds PyTorch for Linux without CUDA")
+    parser.add_argument("--torch-index", metavar="URL", help="where pip has to find PyTorch, for Linux without CUDA")
     parser.add_argument("--without-torch", action="store_true", help="leave PyTorch out everywhere")
     args = parser.parse_args(argv)
     targets = [Target(platform, python) for platform in args.platform for python in args.python]
@@ -96,17 +95,22 @@ def collect(target: Target, folder: Path, torch_index: str | None, with_torch: b
     """Download the wheels of a target; returns them, and whether PyTorch is among them.
 
     Raises:
-        BuildError: pip has not got a library, or failed; only PyTorch may be missing.
+        BuildError: pip has not got a library, or failed; only PyTorch may be missing, where no index for it was named.
     """
     libraries, torch = requirements(target)
     _download(target, libraries, folder, None)
     if with_torch:
+        first, *rest = torch
+        # The libraries are there, so pip and the network do: PyTorch alone tells whether it can be had.
         try:
-            _download(target, torch, folder, torch_index)
-        except LookupError:
+            _download(target, {first: torch[first]}, folder, torch_index)
+        except BuildError as error:
+            if torch_index is not None:
+                raise
             with_torch = False
-            name, version = next(iter(torch.items()))
-            print(f"{target.tag}: pip finds no {name}=={version}; --torch-index may name a place", file=sys.stderr)
+            print(f"{error}; --torch-index may name a place", file=sys.stderr)
+        else:
+            _download(target, {name: torch[name] for name in rest}, folder, torch_index)
     return sorted(folder.glob("*.whl")), with_torch
 
 
@@ -114,7 +118,7 @@ def _download(target: Target, pins: dict[str, str], folder: Path, index: str | N
     """pip's own download of exactly these wheels, or of none.
 
     Raises:
-        LookupError: there is no such wheel for the target.
+        BuildError: there is no such wheel for the target, or pip failed.
     """
     command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--only-binary=:all:"]
     command += ["--disable-pip-version-check", "--python-version", target.python, "--implementation", "cp"]
@@ -122,14 +126,16 @@ def _download(target: Target, pins: dict[str, str], folder: Path, index: str | N
         command += ["--platform", tag]
     if index is not None:
         command += ["--extra-index-url", index]
+    # The versions are chosen here: a user's constraints could only contradict them. An empty variable changes nothing.
+    environment = os.environ | {"PIP_CONSTRAINT": os.devnull}
     with tempfile.TemporaryDirectory(prefix="arm-wheels-") as fresh:
-        command += ["--dest", fresh, *(f"{name}=={version}" for name, version in pins.items())]
-        done = subprocess.run(command, capture_output=True, text=True)
+        asked = [f"{name}=={version}" for name, version in pins.items()]
+        done = subprocess.run([*command, "--dest", fresh, *asked], capture_output=True, text=True, env=environment)
         if done.returncode != 0:
             # "extension: torch==..." is of use, pip's warnings before it are not.
             line = next((line for line in done.stderr.splitlines()[::-1] if line.startswith("ERROR")), done.stderr)
-            kind = LookupError if _NOT_FOUND in done.stderr and "torch" in pins else BuildError
-            raise kind(f"{target.tag}: pip: {line.removeprefix('ERROR: ').strip()}; check the network and {WHEELS}")
+            said = f"{target.tag}: pip: {line.removeprefix('ERROR: ').strip()}"
+            raise BuildError(f"{said}; check the network and {WHEELS}")
         folder.mkdir(parents=True, exist_ok=True)
         for wheel in Path(fresh).glob("*.whl"):
             shutil.move(wheel, folder)
