@@ -53,3 +53,5 @@ def test_weights_of_others_leave_in_no_package():
         for place, patterns in passed_over.items():
             ours = weights.licence in ("GPL-3.0-or-later", "your own")
             assert any(fnmatch.fnmatch(path, pattern) for pattern in patterns) != ours, f"{place}: {weights.name}"
+            recorded = any(fnmatch.fnmatch(path + checkpoints.SUM, pattern) for pattern in patterns)
+            assert recorded or ours, f"{place}: the hash of {weights.name}"

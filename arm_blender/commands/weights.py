@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 from ..errors import CheckpointError
+from ..weight_files.folder import FOLDER
 from . import UsageError
 
 KINDS = ("georm", "image-encoder", "material-encoder", "lpips", "matting")
@@ -57,7 +58,7 @@ def _verify(args: argparse.Namespace) -> int:
     known = [weights.name for weights in checkpoints.REGISTRY]
     names = args.names or [name for name in known if checkpoints.shipped(name).is_file()]
     if not names:
-        raise CheckpointError(f"{checkpoints.FOLDER}: no weights are installed; install the project again")
+        raise CheckpointError(f"{FOLDER}: no weights are installed; install the project again")
     failed = 0
     for name in names:
         try:

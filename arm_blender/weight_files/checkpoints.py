@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from ..errors import CheckpointError
 from ..machine.config_json import config_from_dict
 from ..machine.files import whole_file
-from .folder import FOLDER, folder_of
+from .folder import folder_of
 from .registry import REGISTRY, Weights
 
 Config = TypeVar("Config")
@@ -27,7 +27,10 @@ FORMAT = "arm_blender/1"
 """Stands in every file; a file without it was written by another program."""
 
 SUMS = "SHA256SUMS"
-"""Lies beside the weights."""
+"""Lies beside the weights that ship, and has their hashes."""
+
+SUM = ".sha256"
+"""What a user brings has its hash in a file of its own, named as the weights with this behind."""
 
 SUFFIX = ".safetensors"
 """Of the files that this module writes; others that it records are opaque to it."""
@@ -176,10 +179,11 @@ def verify(name: str, folder: Path | None = None) -> str:
         read_header(path)
     elif not path.is_file():
         raise CheckpointError(f"{path}: no such weights; {_remedy(path)}")
-    found, recorded = sha256(path), recorded_sums(path.parent).get(path.name)
+    found, recorded = sha256(path), recorded_sum(path)
     if found != recorded:
+        place = f"{path.name}{SUM}" if registered(name).kind else SUMS
         what = "differs from" if recorded else "is not in"
-        raise CheckpointError(f"{path}: {what} {SUMS}; install the file again, or record it on purpose")
+        raise CheckpointError(f"{path}: {what} {place}; install the file again, or record it on purpose")
     return found
 
 
@@ -194,30 +198,29 @@ def condition(name: str, folder: Path | None = None) -> Literal["whole", "damage
     return "whole"
 
 
-def record(folder: Path = FOLDER, only: Path | None = None) -> None:
-    """Write `SHA256SUMS` for all weights in `folder`, in the format of `sha256sum --check`.
+def record(path: Path) -> None:
+    """Write the hash of what a user brought beside it, in the format of `sha256sum --check`.
 
-    Args:
-        only: this file; what was recorded of the others stays, so that damage to them is still noticed.
     Raises:
         OutputError: the file cannot be written.
     """
-    # What is hidden is a file that is being written.
-    known = {weights.suffix for weights in REGISTRY}
-    files = [only] if only else sorted(path for path in folder.glob("[!.]*") if path.suffix in known)
-    sums = (recorded_sums(folder) if only else {}) | {path.name: sha256(path) for path in files}
-    lines = [f"{digest}  {name}\n" for name, digest in sorted(sums.items())]
-    with whole_file(folder / SUMS) as temporary:
-        temporary.write_text("".join(lines), encoding="utf-8")
+    with whole_file(_beside(path)) as temporary:
+        temporary.write_text(f"{sha256(path)}  {path.name}\n", encoding="utf-8")
 
 
-def recorded_sums(folder: Path = FOLDER) -> dict[str, str]:
-    """File name to SHA-256, as recorded; empty where nothing was recorded."""
-    path = folder / SUMS
-    lines = path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else []
-    # `sha256sum --binary` puts a star before the name. A line without a name records nothing.
-    pairs = (line.split(maxsplit=1) for line in lines)
-    return {pair[1].removeprefix("*"): pair[0] for pair in pairs if len(pair) == 2}
+def recorded_sum(path: Path) -> str | None:
+    """The SHA-256 of weights as recorded beside them, or else in `SHA256SUMS`; None where it stands in neither."""
+    for sums in (_beside(path), path.with_name(SUMS)):
+        for line in sums.read_text(encoding="utf-8", errors="replace").splitlines() if sums.is_file() else ():
+            # `sha256sum --binary` puts a star before the name. A line without a name records nothing.
+            digest, _, name = line.partition(" ")
+            if name.strip().removeprefix("*") == path.name:
+                return digest
+    return None
+
+
+def _beside(path: Path) -> Path:
+    return path.with_name(f"{path.name}{SUM}")
 
 
 def sha256(path: Path) -> str:

@@ -90,7 +90,7 @@ def import_weights(source: Path, kind: str, output: Path | None = None, *rest: P
     except ValueError as error:
         raise CheckpointError(f"{source}: damaged ({error}); download it again") from error
     if output is None:
-        checkpoints.record(path.parent, only=path)
+        checkpoints.record(path)
     return path, converted
 
 

@@ -131,11 +131,10 @@ def _install(sources: tuple[Path, ...], weights: Weights, output: Path | None = 
         installed = Installed(place, source.name, weights.licence if known else "that of its publisher")
     elif source.name == weights.file_name:
         header = checkpoints.read_header(source)
-        recorded = checkpoints.recorded_sums(source.parent).get(source.name)
+        recorded = checkpoints.recorded_sum(source)
         if header["name"] != weights.name or recorded not in (None, checkpoints.sha256(source)):
-            raise CheckpointError(
-                f"{source}: damaged, or not what its name says; copy it again with {checkpoints.SUMS}"
-            )
+            with_sum = f"{source.name}{checkpoints.SUM}"
+            raise CheckpointError(f"{source}: damaged, or not what its name says; copy it again with {with_sum}")
         installed = Installed(place, header.get("origin", weights.name), header.get("licence", weights.licence))
     else:
         path, converted = import_weights(source, weights.kind, output, *rest)
@@ -143,5 +142,5 @@ def _install(sources: tuple[Path, ...], weights: Weights, output: Path | None = 
     with whole_file(place) as temporary:
         shutil.copyfile(source, temporary)
     if output is None:
-        checkpoints.record(place.parent, only=place)
+        checkpoints.record(place)
     return installed

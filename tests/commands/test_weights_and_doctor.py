@@ -17,8 +17,9 @@ def test_doctor_and_weights_speak(capsys):
 
 def test_the_list_of_weights_says_where_they_lie_and_whether_they_are_whole(tmp_path, capsys, monkeypatch):
     from arm_blender.weight_files import checkpoints
+    from arm_blender.weight_files import folder as weights_folder
 
-    shutil.copytree(checkpoints.FOLDER, tmp_path, dirs_exist_ok=True)
+    shutil.copytree(weights_folder.FOLDER, tmp_path, dirs_exist_ok=True)
     with (tmp_path / "small.glossyrm.safetensors").open("ab") as file:
         file.write(b"more")
     for function in (checkpoints.shipped, checkpoints.verify, checkpoints.condition):

@@ -98,13 +98,17 @@ def test_an_imported_checkpoint_gives_the_published_planes_and_density(checkpoin
 
 
 def test_an_imported_file_says_where_it_comes_from_and_is_recorded(checkpoint, folder):
-    (folder / checkpoints.SUMS).write_text("0123  small.georm.safetensors\n")
+    shipped = folder / checkpoints.SUMS
+    shipped.write_text("0123  small.georm.safetensors\n")
     path, _ = imported.import_weights(checkpoint, "georm")
     header = checkpoints.read_header(path)
     assert header["source"] == "instant_nerf_tiny.ckpt" and "CC-BY-NC" in header["licence"]
     assert header["source_sha256"] == hashlib.sha256(checkpoint.read_bytes()).hexdigest()
     assert checkpoints.verify("instantmesh.georm")
-    assert checkpoints.recorded_sums(folder)["small.georm.safetensors"] == "0123"
+    assert checkpoints.recorded_sum(folder / "small.georm.safetensors") == "0123"
+    assert shipped.read_text() == "0123  small.georm.safetensors\n"  # What a user brings is none of it.
+    (beside,) = folder.glob("*.sha256")
+    assert beside.read_text() == f"{checkpoints.sha256(path)}  {path.name}\n"
 
 
 def test_safetensors_and_bare_tables_are_read_alike(checkpoint, tiny, folder, tmp_path):

@@ -50,7 +50,8 @@ def test_a_download_is_converted_recorded_and_leaves_nothing_else(published, wei
     assert installed.path == weights_folder / f"{NAME}.safetensors" and installed.licence == "Apache-2.0"
     assert checkpoints.condition(NAME) == "whole" and heard == sorted(heard)
     assert checkpoints.load(installed.path, MaterialEncoderConfig)[0] == CONFIG
-    assert sorted(path.name for path in weights_folder.iterdir()) == ["SHA256SUMS", f"{NAME}.safetensors"]
+    names = sorted(path.name for path in weights_folder.iterdir())
+    assert names == [f"{NAME}.safetensors", f"{NAME}.safetensors.sha256"]
     weights_install.download(NAME)
     assert published.asked == [None]
 
@@ -163,8 +164,22 @@ def test_damage_to_an_opaque_file_is_noticed(weights_folder, tmp_path, matting_m
     with pytest.raises(CheckpointError, match="matting.onnx: no such weights; .*weights download matting"):
         checkpoints.verify("matting")
     list(weights_install.install(matting_model(tmp_path / "m.onnx"), "matting"))
-    checkpoints.record(weights_folder)
     assert checkpoints.condition("matting") == "whole"
     with (weights_folder / "matting.onnx").open("ab") as file:
         file.write(b"more")
     assert checkpoints.condition("matting") == "damaged"
+    with pytest.raises(CheckpointError, match=r"differs from matting\.onnx\.sha256"):
+        checkpoints.verify("matting")
+    checkpoints.record(weights_folder / "matting.onnx")  # On purpose.
+    assert checkpoints.condition("matting") == "whole"
+
+
+def test_what_was_recorded_with_the_shipped_before_still_counts(weights_folder, tmp_path, matting_model):
+    (installed,) = weights_install.install(matting_model(tmp_path / "m.onnx"), "matting")
+    beside = weights_folder / "matting.onnx.sha256"
+    beside.rename(weights_folder / checkpoints.SUMS)
+    assert checkpoints.condition("matting") == "whole"
+    (weights_folder / checkpoints.SUMS).write_text("0123  matting.onnx\n", encoding="utf-8")
+    assert checkpoints.condition("matting") == "damaged"
+    checkpoints.record(installed.path)
+    assert checkpoints.condition("matting") == "whole" and beside.is_file()
