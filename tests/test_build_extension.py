@@ -140,3 +140,28 @@ def test_a_python_of_another_version_is_looked_for_and_its_lack_is_said(monkeypa
     assert blender_matrix._base_python("2.7", Path(sys.executable)) == sys.executable
     with pytest.raises(blender_matrix.Failed, match="Python 2.7: not found; name one"):
         blender_matrix._base_python("2.7", None)
+
+
+def test_an_environment_is_made_anew_when_its_pins_change_and_gets_what_the_tests_need_apart(monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(str(ROOT / "tools"))
+    import blender_matrix
+
+    commands = []
+
+    def run(command, **options):
+        commands.append([str(word) for word in command])
+        if "venv" in command:
+            command[-1].mkdir()
+
+    monkeypatch.setattr(blender_matrix, "CACHE", tmp_path)
+    monkeypatch.setattr(blender_matrix, "run", run)
+    blender = blender_matrix.Blender("5.0.1", f"{sys.version_info.major}.{sys.version_info.minor}", "1.26.4")
+    python = blender_matrix.environment(blender, None)
+    (target,) = [command for command in commands if "--target" in command]
+    assert target[-1].startswith("scipy==")
+    assert target[target.index("--target") + 1] == str(blender_matrix.for_tests(python))
+    assert not [word for command in commands if command is not target for word in command if word.startswith("scipy")]
+    made = len(commands)
+    assert blender_matrix.environment(blender, None) == python and len(commands) == made
+    (tmp_path / "bpy-5.0.1" / ".installed").write_text("", encoding="utf-8")  # As those made before.
+    assert blender_matrix.environment(blender, None) == python and len(commands) == 2 * made

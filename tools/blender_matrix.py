@@ -1,7 +1,7 @@
 """Runs the extension's zips in every supported Blender, each as a Python module in an environment of its own.
 
 `make test-blender`. Environments lie in .cache/, made once. Each gets Blender, pytest and nothing of ours: what the
-extension runs on comes from its zip. Standard library only.
+extension runs on comes from its zip, and what our tests need besides lies apart. Standard library only.
 """
 
 import argparse
@@ -13,6 +13,7 @@ import tempfile
 import time
 import tomllib
 import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +21,9 @@ from build_extension import ROOT, Target, this_platform
 
 CACHE = ROOT / ".cache"
 LIFE = ROOT / "tests" / "blender" / "installed_extension.py"
+FOR_TESTS = ("scipy",)
+"""What the training needs, which tests/blender try as well; the extension has to do without, so it lies in a folder of
+its own."""
 LIMIT = 1800
 """Seconds of one step; Blender 4.5 hangs at exit where something stays registered."""
 
@@ -77,15 +81,24 @@ def environment(blender: Blender, python_313: Path | None) -> Path:
     """
     folder = CACHE / f"bpy-{blender.version}"
     python = folder / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
-    if (folder / ".installed").is_file():
+    pins = (ROOT / "requirements-dev.txt").read_text(encoding="utf-8").splitlines()
+    pytest, *rest = (next(pin for pin in pins if pin.startswith(f"{name}==")) for name in ("pytest", *FOR_TESTS))
+    installed = [f"bpy=={blender.version}", f"numpy=={blender.numpy}", pytest]
+    mark, content = folder / ".installed", "\n".join([*installed, *rest])
+    if mark.is_file() and mark.read_text(encoding="utf-8") == content:
         return python
     shutil.rmtree(folder, ignore_errors=True)
     run([_base_python(blender.python, python_313), "-m", "venv", folder])
-    pins = (ROOT / "requirements-dev.txt").read_text(encoding="utf-8").splitlines()
-    pytest = next(line for line in pins if line.startswith("pytest=="))
-    run([python, "-m", "pip", "install", "--quiet", f"bpy=={blender.version}", f"numpy=={blender.numpy}", pytest])
-    (folder / ".installed").touch()
+    pip = [python, "-m", "pip", "install", "--quiet"]
+    run([*pip, *installed])
+    run([*pip, "--no-deps", "--target", for_tests(python), *rest])
+    mark.write_text(content, encoding="utf-8")
     return python
+
+
+def for_tests(python: Path) -> Path:
+    """The folder of `FOR_TESTS` in the environment of that Python."""
+    return python.parents[1] / "for-tests"
 
 
 def live(blender: Blender, python: Path, packages: Path, views: Path, torch_folder: Path | None) -> str:
@@ -112,12 +125,13 @@ def live(blender: Blender, python: Path, packages: Path, views: Path, torch_fold
         if not torch:
             return f"lives with {torch_folder}" if torch_folder else "lives up to the missing PyTorch"
         site = next((place / "left" / "extensions" / ".local").glob("**/site-packages"))
-        run([python, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/blender"], place / "tests", site)
+        tests = [python, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/blender"]
+        run(tests, place / "tests", [site, for_tests(python)])
     return "lives, and passes the tests"
 
 
-def run(command: list, resources: Path | None = None, libraries: Path | None = None) -> None:
-    """One step, in `resources` as the user's folder of Blender.
+def run(command: list, resources: Path | None = None, libraries: Sequence[Path] = ()) -> None:
+    """One step, in `resources` as the user's folder of Blender, with folders of `libraries`.
 
     Raises:
         Failed: it ended with another status than 0, or not in time.
@@ -126,8 +140,8 @@ def run(command: list, resources: Path | None = None, libraries: Path | None = N
     if resources is not None:
         resources.mkdir()
         environment["BLENDER_USER_RESOURCES"] = str(resources)
-    if libraries is not None:
-        environment["PYTHONPATH"] = str(libraries)
+    if libraries:
+        environment["PYTHONPATH"] = os.pathsep.join(map(str, libraries))
     words = [str(word) for word in command]
     try:
         done = subprocess.run(
