@@ -64,6 +64,11 @@ def use_eevee(scene: bpy.types.Scene, samples: int) -> None:
     """Render `scene` by Eevee with `samples` a pixel; it needs a graphics device, real or software."""
     scene.render.engine = EEVEE
     scene.eevee.taa_render_samples = samples
+    # Without rays a matt surface sees a world as first-order harmonics: two lamps across from each other cancel out.
+    scene.eevee.use_raytracing = True
+    rays = scene.eevee.ray_tracing_options
+    rays.trace_max_roughness, rays.resolution_scale = 1.0, "1"
+    rays.denoise_temporal = False  # It takes the few rays that meet a small lamp for noise, and a third of the light.
     for limit in ("clamp_surface_direct", "clamp_surface_indirect"):
         if hasattr(scene.eevee, limit):  # Since 4.3; by default the reflection of a bright lamp is cut off.
             setattr(scene.eevee, limit, 0.0)

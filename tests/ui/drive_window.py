@@ -25,6 +25,8 @@ ESC_AT = 400, 400
 """A pixel of the 3D view, where no button is."""
 STEP = 0.005
 """Seconds between two looks for an event."""
+ENVIRONMENTS = ("studio", "sunset", "sunrise")
+"""Those of the preview, and one whose light comes from one side."""
 
 Scenario = Iterator[float]
 
@@ -122,8 +124,8 @@ def engines(watch: Watch) -> Scenario:
     found: dict[str, dict[str, float]] = {}
     for engine in ("cycles", "eevee"):
         config = relight.RelightConfig(engine=engine, resolution=256)
-        paths = relight.relight(made, relight.PREVIEW_ENVIRONMENTS, OUT / engine, config)
-        for environment, path in zip(relight.PREVIEW_ENVIRONMENTS, paths, strict=True):
+        paths = relight.relight(made, ENVIRONMENTS, OUT / engine, config)
+        for environment, path in zip(ENVIRONMENTS, paths, strict=True):
             found.setdefault(environment, {})[engine] = mean_color(path)
             yield STEP
     return {"mean colors": found}

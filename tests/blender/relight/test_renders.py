@@ -18,7 +18,7 @@ from bpy_extras.object_utils import world_to_camera_view  # noqa: E402
 from arm_blender.blender.asset.blend_file import save_blend  # noqa: E402
 from arm_blender.blender.asset.scene import build_object  # noqa: E402
 from arm_blender.blender.asset.studio import add_camera, bounding_sphere, temporary_scene  # noqa: E402
-from arm_blender.blender.compat import sequence_strips, use_png  # noqa: E402
+from arm_blender.blender.compat import EEVEE, sequence_strips, use_eevee, use_png  # noqa: E402
 from arm_blender.blender.relight import graphics_device  # noqa: E402
 from arm_blender.blender.relight.environments import environment_path  # noqa: E402
 from arm_blender.blender.relight.renders import RelightConfig, preview, relight  # noqa: E402
@@ -196,6 +196,15 @@ def shades(video, count: int) -> list[float]:
         bpy.ops.render.render(write_still=True)
         found.append(float(pixels(scene.render.filepath)[..., :3].mean()))
     return found
+
+
+def test_eevee_sees_the_environment_by_rays_in_every_blender():
+    """What that is worth is measured with a window: tests/ui, scenario "engines"."""
+    with temporary_scene("Eevee") as scene:
+        use_eevee(scene, 4)
+        rays = scene.eevee.ray_tracing_options
+        assert scene.render.engine == EEVEE and scene.eevee.use_raytracing and scene.eevee.taa_render_samples == 4
+        assert rays.trace_max_roughness == 1.0 and not rays.denoise_temporal
 
 
 def test_eevee_without_a_graphics_device_is_one_line(asset, tmp_path, monkeypatch):
