@@ -13,12 +13,10 @@ from .models.paper import instant_albedo, reconstruction
 from .models.paper.instant_albedo import InstantAlbedoConfig
 from .models.paper.reconstruction import ReconstructionConfig
 from .models.small.ray_occupancy import RayOccupancyConfig
-from .uv.blend import BLENDS
 from .weight_files import checkpoints
 
 PresetName = Literal["small", "paper", "instantmesh"]
 QualityName = Literal["draft", "balanced", "final"]
-BlendName = Literal["robust", "weighted", "sharpest"]
 
 _NETWORKS = ("georm", "glossyrm", "instant_albedo", "ray_occupancy")
 """The fields of `Preset` that configure a network."""
@@ -123,8 +121,6 @@ class Settings:
     """Of the CPU; None leaves torch's choice."""
     time_limit: float = 60.0
     """Seconds that unwrapping may take, 5 at least: charts are packed without xatlas where it would take longer."""
-    blend: BlendName = "robust"
-    """How views that see the same texel share it (`BLENDS`)."""
     precision: PrecisionName = "auto"
     """Of the networks: float32, bfloat16, or what suits the network's size and the device."""
     random_weights: int | None = None
@@ -139,7 +135,6 @@ class Settings:
         for name, value, known in (
             ("preset", self.preset, PRESETS),
             ("quality", self.quality, QUALITIES),
-            ("blend", self.blend, BLENDS),
             ("precision", self.precision, PRECISIONS),
         ):
             if value not in known:

@@ -27,7 +27,7 @@ from .report import Report
 from .structures import MaterialMaps, RelightableAsset, TexelMap, TexelViews, TriangleMesh, UvMesh, ViewSet
 from .uv import maps
 from .uv.backproject import backproject, texture_size_for
-from .uv.blend import BLENDS, blend
+from .uv.blend import blend
 from .uv.decimate import clean, decimate
 from .uv.normal_map import bake_normal_map
 from .uv.texels import texel_map
@@ -197,7 +197,7 @@ def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report,
     texels = texel_map(mesh, size)
     seen = backproject(mesh, texels, views, progress=part(progress, 0.02, 0.22))
     progress(0.22, "blending the views")
-    colors, weight = blend(seen, views.weights, BLENDS[settings.blend])
+    colors, weight = blend(seen, views.weights)
     known = (weight > 0.0) & texels.mask
     report.seen_share = float(known.sum() / texels.mask.sum().clamp(min=1))
     if report.seen_share == 1.0:

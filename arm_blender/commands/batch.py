@@ -28,7 +28,6 @@ _COLUMNS = {
     "texture_size": int,
     "faces": int,
     "grid": int,
-    "blend": str,
     "place": generate.placement,
     "mesh": Path,
     "view_weights": generate.view_weights,

@@ -72,7 +72,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     views.add_argument("--multiview-guidance", type=float, default=4.0, metavar="G", help="by the image (default: 4)")
     views.add_argument("--multiview-background", default="grey", help="of its training: grey or white (default: grey)")
     views.add_argument("--reseed", type=view_indices, default=(), metavar="I,I", help="draw only these of DIR/views")
-    views.add_argument("--blend", default="robust", help="of views on a texel: robust, weighted or sharpest")
     result = parser.add_argument_group("result")
     result.add_argument("--mesh", type=Path, metavar="FILE", help="your mesh: only its texture is made")
     result.add_argument(
@@ -189,7 +188,7 @@ def settings_of(args: argparse.Namespace) -> Settings:
     from ..config import Settings
     from ..networks import check_folder
 
-    names = "preset quality texture_size faces grid dense seed device threads blend precision random_weights normal_map"
+    names = "preset quality texture_size faces grid dense seed device threads precision random_weights normal_map"
     values = {name: getattr(args, name) for name in names.split()}
     if args.time_limit is not None:
         values["time_limit"] = args.time_limit

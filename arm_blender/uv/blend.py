@@ -28,15 +28,6 @@ class BlendConfig:
     patches with hard edges stand in every highlight; too large lets a neighbour's outlier through."""
 
 
-BLENDS: dict[str, BlendConfig] = {
-    "robust": BlendConfig(),
-    "weighted": BlendConfig(rounds=0),
-    "sharpest": BlendConfig(cosine_power=32.0),
-}
-"""How views that see the same texel are blended: a view that disagrees with the others is voted out; all count by
-their angle and weight; or almost only the one that looks most squarely does."""
-
-
 @torch.no_grad()
 def blend(seen: TexelViews, weights: Tensor, config: BlendConfig = BlendConfig()) -> tuple[Tensor, Tensor]:
     """One colour a texel: views weighted by the user, by how squarely they look, and by agreement with the others.

@@ -84,15 +84,15 @@ def test_a_bad_list_is_one_line(pipeline, tmp_path, capsys, name, text, word):
 
 def test_an_item_says_for_itself_what_differs(pipeline, pictures, tmp_path, capsys):
     (tmp_path / "list.csv").write_text(
-        "views,quality,seed,faces,texture_size,blend,place\n"
-        "a.png,final,7,500,512,sharpest,ground\n"
+        "views,quality,seed,faces,texture_size,grid,place\n"
+        "a.png,final,7,500,512,48,ground\n"
         "b.png,,,,,,\n"
         "c.png,best,,,,,\n"
     )
     assert run("batch", tmp_path / "list.csv", "--output", tmp_path / "out", "--quality", "draft") == 1
     lines = lines_of(capsys.readouterr().out)
     (_, own), (_, common) = pipeline
-    assert (own.quality, own.seed, own.faces, own.texture_size, own.blend) == ("final", 7, 500, 512, "sharpest")
+    assert (own.quality, own.seed, own.faces, own.texture_size, own.grid) == ("final", 7, 500, 512, 48)
     assert (common.quality, common.seed, common.faces) == ("draft", 0, None)
     assert lines["a"]["seed"] == 7 and "--quality best" in lines["c"]["error"]
     feet = {name: trimesh.load(tmp_path / "out" / name / f"{name}.glb").bounds[0, 1] for name in "ab"}

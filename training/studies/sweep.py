@@ -20,7 +20,6 @@ from arm_blender import pipeline
 from arm_blender.config import QUALITIES, Settings
 from arm_blender.errors import ArmError, EmptyMeshError
 from arm_blender.quality_levels import STAGES
-from arm_blender.uv.blend import BLENDS
 
 from ..documents import markdown_table, paragraphs, write_text
 from ..evaluation.scores.geometry import FAILED, compare
@@ -65,7 +64,6 @@ class SweepRow:
     face_budget: int
     texture_size: int
     views: int
-    blend: str
     faces: float
     f_coarse: float
     f_fine: float
@@ -116,7 +114,6 @@ def points(args: argparse.Namespace) -> Iterator[Point]:
     for name, values in (("grid", args.grids), ("faces", args.faces), ("texture_size", args.textures)):
         yield from (Point(name.replace("_", " "), replace(base, **{name: value})) for value in values)
     yield from (Point("views", base, count) for count in args.counts)
-    yield from (Point("blend", replace(base, blend=name)) for name in BLENDS if name != base.blend)
     yield Point(f"{base.quality} again", base)
 
 
@@ -145,7 +142,6 @@ def measure(objects: list[EvaluationObject], point: Point, seed: int) -> SweepRo
         level.faces,
         level.texture_size,
         point.views,
-        point.settings.blend,
         *(totals / len(objects)).tolist(),
     )
 
@@ -194,11 +190,11 @@ def csv_text(rows: list[SweepRow]) -> str:
 
 def document(rows: list[SweepRow], objects: int, command: str, picture: Path) -> str:
     """The Markdown document: what was measured, the table, the plot, and the command that made it."""
-    header = ["turned", "grid", "face budget", "texels", "views", "blend", "faces", "F@0.1", "F@0.02", "CD", "PSNR"]
+    header = ["turned", "grid", "face budget", "texels", "views", "faces", "F@0.1", "F@0.02", "CD", "PSNR"]
     header += ["shape s", "unwrap s", "appearance s", "sum s"]
     table = []
     for r in rows:
-        knobs = [r.label, r.grid, r.face_budget, r.texture_size, r.views, r.blend, round(r.faces)]
+        knobs = [r.label, r.grid, r.face_budget, r.texture_size, r.views, round(r.faces)]
         seconds = (r.shape_seconds, r.unwrap_seconds, r.appearance_seconds, r.seconds)
         table.append(
             [*knobs, r.f_coarse, r.f_fine, f"{r.chamfer:.4f}", f"{r.psnr:.1f}", *(f"{s:.1f}" for s in seconds)]
@@ -253,5 +249,4 @@ def _name(row: SweepRow) -> str:
     if row.label in QUALITIES:
         return f"*{row.label}*"
     values = {"grid": row.grid, "faces": row.face_budget, "texture size": row.texture_size, "views": row.views}
-    value = values.get(row.label, row.blend if row.label == "blend" else "")
-    return f"{row.label} {value}".strip()
+    return f"{row.label} {values.get(row.label, '')}".strip()

@@ -18,7 +18,6 @@ from arm_blender.graphics.color import linear_from_srgb, srgb_from_linear
 from arm_blender.graphics.raster.rasterize import interpolate, rasterize
 from arm_blender.report import Report
 from arm_blender.structures import MaterialMaps, RelightableAsset, TriangleMesh, ViewSet
-from arm_blender.uv.blend import BLENDS
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 from arm_blender.views import ViewOptions, load_views
 from arm_blender.views.image_io import write_png
@@ -124,10 +123,9 @@ def test_a_sweep_turns_every_knob_and_has_a_row_for_every_quality(ball_views, tm
     words = ["--views", str(ball_views), *SWEEP, "--output", str(output), "--plot", str(picture)]
     assert main(["sweep", *words]) == 0
     rows = list(csv.DictReader(output.with_suffix(".csv").open()))
-    turned = ["grid", *["faces"] * 2, "texture size", *["views"] * 2, *["blend"] * (len(BLENDS) - 1)]
+    turned = ["grid", *["faces"] * 2, "texture size", *["views"] * 2]
     assert [row["label"] for row in rows] == [*QUALITIES, *turned, "balanced again"]
     assert [int(row["views"]) for row in rows if row["label"] == "views"] == [1, 2]
-    assert {row["blend"] for row in rows} == set(BLENDS)
     assert all(float(row["f_coarse"]) == 1.0 and float(row["faces"]) == len(ball().faces) for row in rows)
     text = output.read_text()
     assert all(f"| {name} |" in text for name in QUALITIES) and "(images/sweep.png)" in text
@@ -143,12 +141,12 @@ def test_a_sweep_goes_on_where_a_grid_finds_nothing(ball_views, tmp_path, quick_
 
 
 def sweep_row(seconds: float, chamfer: float) -> sweep.SweepRow:
-    return sweep.SweepRow("grid", 64, 500, 256, 6, "robust", 500.0, 1.0, 1.0, chamfer, 30.0, seconds, 0.0, 0.0)
+    return sweep.SweepRow("grid", 64, 500, 256, 6, 500.0, 1.0, 1.0, chamfer, 30.0, seconds, 0.0, 0.0)
 
 
 def test_a_point_is_beaten_by_more_than_noise_in_one_thing_and_by_none_in_the_others():
     def row(seconds: float, chamfer: float, psnr: float) -> sweep.SweepRow:
-        return sweep.SweepRow("grid", 64, 1, 1, 6, "robust", 1.0, 0.0, 0.0, chamfer, psnr, seconds, 0.0, 0.0)
+        return sweep.SweepRow("grid", 64, 1, 1, 6, 1.0, 0.0, 0.0, chamfer, psnr, seconds, 0.0, 0.0)
 
     fast, good = row(1.0, 0.050, 25.0), row(10.0, 0.040, 26.0)
     alike = [row(1.1, 0.0504, 24.95), row(9.0, 0.0397, 25.95)]

@@ -6,12 +6,11 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from arm_blender.config import Settings
 from arm_blender.graphics.cameras import project, view_directions
 from arm_blender.graphics.meshes import vertex_normals
 from arm_blender.structures import RelightableAsset, TriangleMesh, ViewSet
 from arm_blender.uv.backproject import BackprojectConfig, backproject
-from arm_blender.uv.blend import BLENDS, BlendConfig, blend
+from arm_blender.uv.blend import BlendConfig, blend
 from arm_blender.uv.maps import diffuse_fill, pad
 from arm_blender.uv.texels import texel_map
 from arm_blender.uv.view_sampling import sample_view
@@ -73,7 +72,7 @@ def vertex_colors(mesh: TriangleMesh, views: ViewSet) -> Tensor:
 
 
 @torch.no_grad()
-def plain_blend(asset: RelightableAsset, views: ViewSet, settings: Settings) -> RelightableAsset:
+def plain_blend(asset: RelightableAsset, views: ViewSet) -> RelightableAsset:
     """The asset with the blended views for its albedo: nothing takes their light out of it.
 
     Args:
@@ -81,6 +80,6 @@ def plain_blend(asset: RelightableAsset, views: ViewSet, settings: Settings) -> 
     """
     texels = texel_map(asset.mesh, asset.maps.albedo.shape[-1])
     seen = backproject(asset.mesh, texels, views)
-    colors, weight = blend(seen, views.weights, BLENDS[settings.blend])
+    colors, weight = blend(seen, views.weights)
     filled = diffuse_fill(colors, (weight > 0.0) & texels.mask, texels)
     return replace(asset, maps=replace(asset.maps, albedo=pad(filled, texels.mask)))

@@ -97,7 +97,7 @@ def measure(entry: EvaluationEntry, item: EvaluationObject, truth: Truth, trial:
     else:
         seconds = report.seconds
         kept = systems[OURS] = _score_asset(OURS, asset, entry, shown, trial, cycles=trial.cycles)
-        blended = plain_blend(asset, views, trial.settings)
+        blended = plain_blend(asset, views)
         # In the table ours stands for its shape.
         systems[BLEND] = replace(_score_asset(BLEND, blended, entry, shown, trial, kept), geometry=None, aligned=None)
         if entry.has_material:
