@@ -32,7 +32,7 @@ radius 1.8."""
 
 
 @dataclass(frozen=True)
-class SurfaceConfig:
+class CutConfig:
     """How finely a surface is cut."""
 
     faces: int = 8_000
@@ -80,7 +80,7 @@ def welded(mesh: TriangleMesh) -> TriangleMesh:
 
 
 @torch.no_grad()
-def surface_of(mesh: TriangleMesh, config: SurfaceConfig = SurfaceConfig()) -> Surface:
+def surface_of(mesh: TriangleMesh, config: CutConfig = CutConfig()) -> Surface:
     """A mesh made ready to be lit; about two seconds.
 
     Raises:

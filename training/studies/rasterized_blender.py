@@ -35,7 +35,7 @@ from ..evaluation.scores.image_scores import psnr_inside
 from ..rasterized import pictures as rasterized
 from ..rasterized.lights import Sun, lighting, random_sky
 from ..rasterized.materials import Finish, random_finish
-from ..rasterized.surface import Surface, SurfaceConfig, surface_of
+from ..rasterized.surface import CutConfig, Surface, surface_of
 from ..rendering import shards
 from ..rendering.camera_rigs import random_views
 from .parametric import ball, parametric, ring, vase
@@ -80,7 +80,7 @@ def by_cycles(scene: Scene, cameras: tuple[Camera, ...], samples: int, folder: P
     pictures = []
     with temporary_scene("rasterized") as place:
         placed = build_object(RelightableAsset("object", scene.mesh, baked(scene)), {}, place)
-        placed.data.set_sharp_from_angle(angle=math.radians(SurfaceConfig.sharp_deg))
+        placed.data.set_sharp_from_angle(angle=math.radians(CutConfig.sharp_deg))
         write_linear(folder / "sky.exr", scene.radiance)
         light_by_environment(place, folder / "sky.exr")
         for sun in scene.suns:

@@ -13,7 +13,7 @@ from torch import Tensor
 
 
 @dataclass(frozen=True)
-class PictureConfig:
+class PreprocessorConfig:
     """Of preprocessor_config.json. Another size or range than that of the training gives views of something else."""
 
     shortest_edge: int
@@ -28,7 +28,7 @@ class PictureConfig:
     """Pillow's number of the filter."""
 
 
-def picture_config(values: dict[str, Any]) -> PictureConfig:
+def preprocessor_config(values: dict[str, Any]) -> PreprocessorConfig:
     """The config of a preprocessor_config.json, whose sizes are numbers in old files and mappings in newer ones.
 
     Raises:
@@ -36,7 +36,7 @@ def picture_config(values: dict[str, Any]) -> PictureConfig:
     """
     try:
         size, crop = values["size"], values["crop_size"]
-        config = PictureConfig(
+        config = PreprocessorConfig(
             shortest_edge=int(size["shortest_edge"] if isinstance(size, dict) else size),
             crop=int(crop["height"] if isinstance(crop, dict) else crop),
             mean=tuple(map(float, values["image_mean"])),
@@ -51,7 +51,7 @@ def picture_config(values: dict[str, Any]) -> PictureConfig:
     return config
 
 
-def network_picture(picture: Tensor, config: PictureConfig) -> Tensor:
+def network_picture(picture: Tensor, config: PreprocessorConfig) -> Tensor:
     """(1, 3, crop, crop) float32 of a picture (3, H, W) of bytes, uint8 sRGB."""
     image = Image.fromarray(picture.permute(1, 2, 0).contiguous().numpy(), "RGB")
     scale = config.shortest_edge / min(image.size)

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from ...errors import ArmError, CheckpointError
 from ...machine.config_json import config_from_dict
-from .network_picture import PictureConfig, picture_config
+from .network_picture import PreprocessorConfig, preprocessor_config
 from .schedule import NoiseConfig
 
 EXTRA = "pip install 'diffusers>=0.35' 'transformers>=4.57'"
@@ -66,8 +66,8 @@ class Networks:
     text_encoder: nn.Module
     empty_prompt: Tensor
     ramp: Tensor
-    clip_picture: PictureConfig
-    vae_picture: PictureConfig
+    clip_picture: PreprocessorConfig
+    vae_picture: PreprocessorConfig
     noise: NoiseConfig
 
     @property
@@ -161,9 +161,9 @@ def _empty_prompt(folder: Path) -> Tensor:
     return torch.tensor([tokens["input_ids"]])
 
 
-def _picture(path: Path) -> PictureConfig:
+def _picture(path: Path) -> PreprocessorConfig:
     try:
-        return picture_config(_json(path))
+        return preprocessor_config(_json(path))
     except ValueError as error:
         raise CheckpointError(f"{path}: {error}; copy the file of Zero123++ v1.2") from error
 

@@ -11,7 +11,7 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from arm_blender.errors import ArmError, CheckpointError
-from arm_blender.views.zero123plus.network_picture import network_picture, picture_config
+from arm_blender.views.zero123plus.network_picture import network_picture, preprocessor_config
 from arm_blender.views.zero123plus.networks import EXTRA, check_model, load_networks
 
 ROOT = Path(__file__).parents[3]
@@ -180,12 +180,12 @@ def test_pictures_are_scaled_as_the_encoders_own_processor_does(size):
     picture = torch.randint(0, 256, (3, *size), dtype=torch.uint8, generator=torch.Generator().manual_seed(0))
     expected = processor(images=np.array(picture.permute(1, 2, 0)), return_tensors="pt").pixel_values
     values = json.loads(processor.to_json_string())
-    torch.testing.assert_close(network_picture(picture, picture_config(values)), expected, rtol=1e-5, atol=1e-5)
+    torch.testing.assert_close(network_picture(picture, preprocessor_config(values)), expected, rtol=1e-5, atol=1e-5)
 
 
 def test_the_image_scaling_is_in_the_encoders_settings():
     """Mean 0.5 and deviation 0.8 of [0, 1] are x * 0.5 / 0.8 of [-1, 1]: the published scaling."""
-    config = picture_config({"size": 4, "crop_size": 4, "image_mean": [0.5] * 3, "image_std": [0.8] * 3})
+    config = preprocessor_config({"size": 4, "crop_size": 4, "image_mean": [0.5] * 3, "image_std": [0.8] * 3})
     picture = torch.randint(0, 256, (3, 4, 4), dtype=torch.uint8, generator=torch.Generator().manual_seed(0))
     expected = (picture / 255.0 * 2.0 - 1.0) * 0.5 / 0.8
     torch.testing.assert_close(network_picture(picture, config), expected[None])
