@@ -9,7 +9,7 @@ from torch.utils.checkpoint import checkpoint
 from arm_blender.models.paper.image_encoder import ModulatedBlock
 from arm_blender.models.paper.transformer import TransformerBlock
 from arm_blender.models.paper.triplane import ResidualDenseBlock
-from arm_blender.models.paper.vit import Block
+from arm_blender.models.vit import Block
 
 REPEATED = (ModulatedBlock, TransformerBlock, ResidualDenseBlock, Block)
 """Most of a network's activations are made in these, and they are alike: what is compiled once serves all."""

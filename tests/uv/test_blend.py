@@ -39,7 +39,7 @@ def test_of_three_views_the_one_that_disagrees_counts_for_little() -> None:
     assert float(blend(agreeing, torch.ones(3))[0][0]) == pytest.approx(0.4)
 
 
-def test_votes_and_angles_decide_what_an_outlier_may_do() -> None:
+def test_blends_differ_in_what_an_outlier_may_do() -> None:
     unvoted, squarest = BlendConfig(rounds=0), BlendConfig(cosine_power=32.0)
     seen = conflicting([0.40, 1.0, 0.44], [0.7, 1.0, 0.7])  # The outlier looks most squarely.
     robust, weighted = (float(blend(seen, torch.ones(3), config)[0][0]) for config in (BlendConfig(), unvoted))

@@ -11,8 +11,8 @@ import torch
 
 from arm_blender.__main__ import main
 from arm_blender.errors import Cancelled, CheckpointError, DownloadError
-from arm_blender.models.paper.material_encoder import MaterialEncoderConfig
-from arm_blender.models.paper.vit import VisionTransformer, VitConfig
+from arm_blender.models.material_encoder import MaterialEncoderConfig
+from arm_blender.models.vit import VisionTransformer, VitConfig
 from arm_blender.weight_files import checkpoints
 from arm_blender.weight_files import imported as weights_import
 from arm_blender.weight_files import install as weights_install

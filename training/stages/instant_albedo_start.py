@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from arm_blender.errors import ArmError
+from arm_blender.models.material_encoder import MaterialEncoderConfig
 from arm_blender.models.paper.instant_albedo import PAPER, SMALL, InstantAlbedo, InstantAlbedoConfig
-from arm_blender.models.paper.material_encoder import MaterialEncoderConfig
 from arm_blender.models.small.delighting import DelightingConfig
 from arm_blender.weight_files import checkpoints
 

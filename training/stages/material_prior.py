@@ -16,8 +16,8 @@ from torch.nn import functional
 
 from arm_blender.errors import ArmError
 from arm_blender.graphics.color import composite
+from arm_blender.models.material_encoder import MaterialEncoder, MaterialEncoderConfig
 from arm_blender.models.paper.instant_albedo import PAPER, SMALL
-from arm_blender.models.paper.material_encoder import MaterialEncoder, MaterialEncoderConfig
 from arm_blender.weight_files import checkpoints
 
 from .. import distributed, options

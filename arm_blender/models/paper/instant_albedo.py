@@ -18,11 +18,11 @@ from ...graphics.color import composite, linear_from_srgb, srgb_from_linear
 from ...structures import TexelMap, TexelViews
 from ...uv.maps import diffuse_fill
 from ..atlas_cells import cells, enlarged, mean, resized, scaled, surface_cells
+from ..ffc import FfcConfig, FfcGenerator
+from ..material_encoder import MaterialEncoder, MaterialEncoderConfig
 from ..small.delighting import Delighting, DelightingConfig, SeenPoints
 from ..unet import Unet, UnetConfig
-from .ffc import FfcConfig, FfcGenerator
-from .material_encoder import MaterialEncoder, MaterialEncoderConfig
-from .vit import VitConfig
+from ..vit import VitConfig
 
 _VIEW_CHANNELS = 15
 """Image 3, mask 1, position 3, texture coordinates 2, view direction 3, normal 3."""

@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 import torch
 
-from arm_blender.models.paper.ffc import FfcConfig
+from arm_blender.models.ffc import FfcConfig
+from arm_blender.models.material_encoder import MaterialEncoderConfig
 from arm_blender.models.paper.instant_albedo import PAPER, SMALL, InstantAlbedo, InstantAlbedoConfig
-from arm_blender.models.paper.material_encoder import MaterialEncoderConfig
-from arm_blender.models.paper.vit import VitConfig
 from arm_blender.models.unet import UnetConfig
+from arm_blender.models.vit import VitConfig
 from arm_blender.structures import TexelMap, TexelViews
 
 TINY = InstantAlbedoConfig(

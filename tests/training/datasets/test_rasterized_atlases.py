@@ -9,11 +9,11 @@ import trimesh
 
 from arm_blender.errors import ArmError, CheckpointError
 from arm_blender.graphics.color import srgb_from_linear
-from arm_blender.models.paper.ffc import FfcConfig
+from arm_blender.models.ffc import FfcConfig
+from arm_blender.models.material_encoder import MaterialEncoderConfig
 from arm_blender.models.paper.instant_albedo import InstantAlbedo, InstantAlbedoConfig
-from arm_blender.models.paper.material_encoder import MaterialEncoderConfig
-from arm_blender.models.paper.vit import VitConfig
 from arm_blender.models.unet import UnetConfig
+from arm_blender.models.vit import VitConfig
 from arm_blender.weight_files import checkpoints
 from training.datasets.atlas_lookup import AtlasLookup
 from training.datasets.atlases import AtlasConfig, sample_arrays

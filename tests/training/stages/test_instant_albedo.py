@@ -12,11 +12,11 @@ from arm_blender.errors import ArmError
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.graphics.color import linear_from_srgb, srgb_from_linear
 from arm_blender.graphics.raster.rasterize import interpolate, rasterize
-from arm_blender.models.paper.ffc import FfcConfig
+from arm_blender.models.ffc import FfcConfig
+from arm_blender.models.material_encoder import MaterialEncoderConfig
 from arm_blender.models.paper.instant_albedo import InstantAlbedo, InstantAlbedoConfig
-from arm_blender.models.paper.material_encoder import MaterialEncoderConfig
-from arm_blender.models.paper.vit import VitConfig
 from arm_blender.models.unet import UnetConfig
+from arm_blender.models.vit import VitConfig
 from arm_blender.structures import UvMesh
 from arm_blender.weight_files import checkpoints
 from training.datasets import atlases

@@ -9,11 +9,11 @@ import torch
 from arm_blender.errors import CheckpointError
 from arm_blender.machine.config_json import config_from_dict
 from arm_blender.models.atlas_cells import surface_cells
-from arm_blender.models.paper.ffc import FfcConfig, FfcGenerator
+from arm_blender.models.ffc import FfcConfig, FfcGenerator
+from arm_blender.models.material_encoder import MaterialEncoderConfig
 from arm_blender.models.paper.instant_albedo import Ablation, InstantAlbedo, InstantAlbedoConfig
-from arm_blender.models.paper.material_encoder import MaterialEncoderConfig
-from arm_blender.models.paper.vit import VitConfig
 from arm_blender.models.unet import Unet, UnetConfig
+from arm_blender.models.vit import VitConfig
 from arm_blender.structures import TexelMap, TexelViews
 from arm_blender.weight_files import checkpoints
 from training.__main__ import main

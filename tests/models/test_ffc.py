@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 from torch.overrides import TorchFunctionMode
 
-from arm_blender.models.paper.ffc import FfcConfig, FfcGenerator, FourierUnit
+from arm_blender.models.ffc import FfcConfig, FfcGenerator, FourierUnit
 
 
 @pytest.mark.parametrize(("downs", "channels"), [(2, (5, 6)), (3, (4, 3))])

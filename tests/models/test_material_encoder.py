@@ -4,14 +4,8 @@ import pytest
 import torch
 
 from arm_blender.errors import CheckpointError
-from arm_blender.models.paper.material_encoder import (
-    Context,
-    Fusion,
-    MaterialEncoder,
-    MaterialEncoderConfig,
-    ResidualUnit,
-)
-from arm_blender.models.paper.vit import VitConfig
+from arm_blender.models.material_encoder import Context, Fusion, MaterialEncoder, MaterialEncoderConfig, ResidualUnit
+from arm_blender.models.vit import VitConfig
 from arm_blender.weight_files.key_maps import KeyMap, convert, materialistic_cascade
 
 CONFIG = MaterialEncoderConfig(VitConfig(8, 16, 4, 2, 4, 4), (0, 1, 2, 3), image_size=32, channels=8, out_channels=4)

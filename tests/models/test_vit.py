@@ -6,9 +6,9 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from arm_blender.models.paper.vit import VisionTransformer, VitConfig
+from arm_blender.models.vit import VisionTransformer, VitConfig
 
-FIXTURE = load_file(Path(__file__).parents[2] / "data/parity/dino_vit_patch8.safetensors")
+FIXTURE = load_file(Path(__file__).parents[1] / "data/parity/dino_vit_patch8.safetensors")
 
 
 @pytest.fixture(scope="module")
