@@ -36,7 +36,7 @@ def run(watch: Watch) -> Scenario:
     before = set(bpy.data.objects.keys())
     began = time.perf_counter()
     job = yield from click_generate()
-    while module("operators").is_running():
+    while module("generate.operators").is_running():
         yield STEP
     seconds = time.perf_counter() - began
     made = set(bpy.data.objects.keys()) - before
@@ -54,7 +54,7 @@ def cancel(watch: Watch) -> Scenario:
     """Esc at every stage: how long until the panel says so, and until the thread has ended."""
     begun = time.perf_counter()
     yield from click_generate()
-    while module("operators").is_running():
+    while module("generate.operators").is_running():
         yield STEP
     stages = list(dict.fromkeys(stage_of(message) for moment, message in watch.reports if moment >= begun))
     rows = dict.fromkeys(stages)
@@ -69,7 +69,7 @@ def cancel(watch: Watch) -> Scenario:
         while not job.finished:
             yield STEP
         ended = time.perf_counter() - pressed
-        while module("operators").is_running():
+        while module("generate.operators").is_running():
             yield STEP
         said = [moment - pressed for moment, message in watch.draws if moment > pressed and message == "Cancelling"]
         rows[stage] = {"said": said[0] if said else None, "ended": ended, "stopped": job.result is None}
@@ -87,11 +87,11 @@ def load(watch: Watch) -> Scenario:
     with bpy.context.temp_override(window=window()):
         bpy.ops.wm.open_mainfile(filepath=path)
     seconds = time.perf_counter() - began
-    result = {"seconds": seconds, "ended": job.finished, "running": module("operators").is_running()}
+    result = {"seconds": seconds, "ended": job.finished, "running": module("generate.operators").is_running()}
     yield 0.5
     second = yield from begin_run()
-    module("operators")._cancel(bpy.context, second)
-    while module("operators").is_running():
+    module("generate.operators")._cancel(bpy.context, second)
+    while module("generate.operators").is_running():
         yield STEP
     return result | {"runs again": True}
 
@@ -99,7 +99,7 @@ def load(watch: Watch) -> Scenario:
 def leave(watch: Watch) -> Scenario:
     """Quit while a run is going on; the exit code says the rest."""
     yield from begin_run()
-    return {"running": module("operators").is_running()}
+    return {"running": module("generate.operators").is_running()}
 
 
 def disable(watch: Watch) -> Scenario:
@@ -118,9 +118,9 @@ def disable(watch: Watch) -> Scenario:
 def engines(watch: Watch) -> Scenario:
     """The previews of a new asset by Cycles and by Eevee: the mean displayed colour of the object in each."""
     yield from click_generate()
-    while module("operators").is_running():
+    while module("generate.operators").is_running():
         yield STEP
-    relight, made = module("relight"), window().view_layer.objects.active
+    relight, made = module("relight.renders"), window().view_layer.objects.active
     found: dict[str, dict[str, float]] = {}
     for engine in ("cycles", "eevee"):
         config = relight.RelightConfig(engine=engine, resolution=256)
@@ -148,7 +148,7 @@ def pictures(watch: Watch) -> Scenario:
     yield from click_generate()
     yield 2.5
     shoot("running")
-    while module("operators").is_running():
+    while module("generate.operators").is_running():
         yield 0.2
     space = area().spaces.active
     space.shading.type, space.region_3d.view_distance = "MATERIAL", 3.0
@@ -166,7 +166,7 @@ def pictures(watch: Watch) -> Scenario:
 
 def click_generate() -> Scenario:
     """Press the panel's button with the mouse; the job that it starts."""
-    ready = module("operators")
+    ready = module("generate.operators")
     x, y = json.loads(os.environ["ARM_BUTTON"])
     for aside in (40, 2, 0):  # The first move finds the sidebar, the next its button.
         window().event_simulate(type="MOUSEMOVE", value="NOTHING", x=x + aside, y=y)
@@ -190,15 +190,15 @@ def begin_run() -> Scenario:
     with in_view():
         bpy.ops.arm.generate("INVOKE_DEFAULT")
     yield 2.0
-    assert module("operators").is_running(), state().error
-    return module("operators")._running
+    assert module("generate.operators").is_running(), state().error
+    return module("generate.operators")._running
 
 
 def choose_views() -> Scenario:
     settings = bpy.context.scene.arm
     settings.quality, settings.views_path = "draft", VIEWS
     yield 0.3
-    while module("view_list").is_looking():
+    while module("input.view_list").is_looking():
         yield 0.1
 
 

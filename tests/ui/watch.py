@@ -31,7 +31,7 @@ class Watch:
 
     def attach(self) -> None:
         """Listen to the panel's draws, and to the reports of jobs, as the extension has them now."""
-        panel, job = module("panels").ARM_PT_generate, module("job").Job
+        panel, job = module("generate.panel").ARM_PT_generate, module("job").Job
         draw, report = panel.draw, job._progress
 
         def drawn(shown, context) -> None:
