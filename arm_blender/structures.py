@@ -96,8 +96,9 @@ class UvMesh:
 
     def to(self, device: torch.device | str) -> "UvMesh":
         """The same on another device."""
-        tensors = (tensor.to(device) for tensor in (self.vertices, self.faces, self.uvs, self.face_uvs))
-        return UvMesh(*tensors, self.charts)
+        return UvMesh(
+            self.vertices.to(device), self.faces.to(device), self.uvs.to(device), self.face_uvs.to(device), self.charts
+        )
 
     def moved(self, motion: Callable[[Tensor], Tensor]) -> "UvMesh":
         """The mesh with `motion` applied to its vertices (N, 3)."""

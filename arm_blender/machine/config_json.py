@@ -3,9 +3,12 @@
 import dataclasses
 import types
 import typing
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-Config = TypeVar("Config")
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Config = TypeVar("Config", bound="DataclassInstance")
 
 
 def config_from_dict(expected: type[Config], values: dict[str, Any]) -> Config:
@@ -26,7 +29,7 @@ def config_from_dict(expected: type[Config], values: dict[str, Any]) -> Config:
 def _typed(hint: Any, value: Any, key: str) -> Any:
     """`value` from JSON as the type that `hint` states: JSON knows neither tuples nor dataclasses."""
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
-    if dataclasses.is_dataclass(hint):
+    if isinstance(hint, type) and dataclasses.is_dataclass(hint):
         return config_from_dict(hint, value)
     if origin in (typing.Union, types.UnionType):
         if value is None and type(None) in arguments:

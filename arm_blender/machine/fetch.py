@@ -16,7 +16,9 @@ import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from http.client import HTTPMessage
 from pathlib import Path
+from typing import IO
 
 from ..errors import DownloadError, OutputError
 from ..progress import Progress, part, silent
@@ -133,7 +135,9 @@ class _Part:
 class _Redirects(urllib.request.HTTPRedirectHandler):
     """Follows a publisher to its servers, but never from an encrypted connection to an open one."""
 
-    def redirect_request(self, req, fp, code, msg, headers, newurl):
+    def redirect_request(
+        self, req: urllib.request.Request, fp: IO[bytes], code: int, msg: str, headers: HTTPMessage, newurl: str
+    ) -> urllib.request.Request | None:
         if req.full_url.startswith("https:") and not newurl.startswith("https:"):
             raise DownloadError(f"{req.full_url}: leads to an unencrypted address")
         return super().redirect_request(req, fp, code, msg, headers, newurl)
@@ -168,7 +172,7 @@ def _receive(file: PublishedFile, arrived: _Part, progress: Progress) -> bool:
     request = urllib.request.Request(file.url, headers=headers)
     with urllib.request.build_opener(_Redirects).open(request, timeout=TIMEOUT) as response:
         if response.status == 206:
-            if not _continues(response, known, arrived.size):
+            if known is None or not _continues(response, known, arrived.size):
                 arrived.drop()
                 return False
             total = known.total

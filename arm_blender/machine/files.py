@@ -12,10 +12,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from ..errors import OutputError
 
+fcntl: ModuleType | None
 try:
     import fcntl
 except ImportError:  # Windows has no locks that end with their process.

@@ -22,7 +22,7 @@ def interruptible(networks: Iterable[nn.Module], check: Callable[[], None]) -> I
     The networks are left without hooks, however the block ends.
     """
 
-    def before(block: nn.Module, args: tuple) -> None:
+    def before(block: nn.Module, args: object) -> None:
         check()
 
     handles = [block.register_forward_pre_hook(before) for network in networks for block in blocks(network)]

@@ -104,7 +104,7 @@ def _pip() -> list[str]:
     if importlib.util.find_spec("pip") is not None:
         return [sys.executable, "-I", "-m", "pip"]
     bundled = importlib.util.find_spec("ensurepip")
-    if bundled is not None:
+    if bundled is not None and bundled.origin is not None:
         places = [Path(bundled.origin).parent / "_bundled"]
         if shared := sysconfig.get_config_var("WHEEL_PKG_DIR"):  # Where distributions keep it.
             places.append(Path(shared))
@@ -130,6 +130,7 @@ def _run(command: list[str], count: int, progress: Progress) -> None:
         creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),  # No console window on Windows.
     )
     lines: SimpleQueue[str] = SimpleQueue()
+    assert process.stdout is not None  # A pipe was asked for.
     reader = threading.Thread(target=_read, args=(process.stdout, lines), daemon=True)
     reader.start()
     done, message, log = 0, "Starting pip", []
@@ -156,7 +157,7 @@ def _run(command: list[str], count: int, progress: Progress) -> None:
         raise ArmError(f"pip: {_reason(log)}; see the console, or name a folder that holds the libraries")
 
 
-def _read(stream: IO[str], lines: SimpleQueue) -> None:
+def _read(stream: IO[str], lines: SimpleQueue[str]) -> None:
     for line in stream:
         lines.put(line)
 

@@ -40,7 +40,7 @@ def chosen(precision: PrecisionName, device: str, large: bool) -> torch.dtype:
     return getattr(torch, precision)
 
 
-def running_in(dtype: torch.dtype, device: str) -> AbstractContextManager:
+def running_in(dtype: torch.dtype, device: str) -> AbstractContextManager[object]:
     """A context in which networks with float32 weights run in `dtype`."""
     # Not every device and version of torch knows autocast, not even one that is switched off.
     return nullcontext() if dtype == torch.float32 else torch.autocast(device, dtype=dtype)

@@ -1,7 +1,10 @@
 """A user's mesh, from a file or from Blender: it keeps its shape, and its UVs if they are an atlas."""
 
+from typing import Any
+
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from ..errors import EmptyMeshError
 from ..structures import TriangleMesh, UvMesh
@@ -15,9 +18,9 @@ _SMALLEST_ATLAS = 1e-4
 
 def mesh_from_arrays(
     name: str,
-    vertices: np.ndarray,
-    faces: np.ndarray,
-    uvs: tuple[np.ndarray, np.ndarray] | None = None,
+    vertices: NDArray[Any],
+    faces: NDArray[Any],
+    uvs: tuple[NDArray[Any], NDArray[Any]] | None = None,
     charts: int = 1,
 ) -> TriangleMesh | UvMesh:
     """A welded mesh of the program's, from the arrays of another.
@@ -50,7 +53,7 @@ def mesh_from_arrays(
     return UvMesh(*shape, torch.from_numpy(uv), torch.from_numpy(face_uvs[sound]), charts)
 
 
-def _is_atlas(uv: np.ndarray, face_uvs: np.ndarray) -> bool:
+def _is_atlas(uv: NDArray[Any], face_uvs: NDArray[Any]) -> bool:
     """Tiled UVs are none: several points would share a texel. Nor are those in one place, as some exporters write."""
     if not np.isfinite(uv).all() or uv.min() < 0.0 or uv.max() > 1.0:
         return False

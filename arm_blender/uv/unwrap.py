@@ -166,7 +166,7 @@ def _run_worker(source: Path, target: Path, log: Path, limit: float, expected: f
     return True
 
 
-def _wait(process: subprocess.Popen, seconds: float) -> None:
+def _wait(process: subprocess.Popen[bytes], seconds: float) -> None:
     """Sleep until the process ends, but no longer than `seconds`."""
     try:
         process.wait(seconds)

@@ -7,9 +7,19 @@ A few large charts pack well or badly by luck, so several arrangements are tried
 atlas': that takes a tenth of the time, and its texels are gaps enough.
 """
 
+from __future__ import annotations
+
 import math
 import os
 import sys
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Floats: TypeAlias = NDArray[np.floating[Any]]
+    Indices: TypeAlias = NDArray[np.integer[Any]]
 
 RESOLUTION = 320
 """Texels a side at which charts are packed, at most."""
@@ -56,7 +66,7 @@ def main(source: str, target: str, search_path: str) -> None:
     np.savez(target, uvs=best)
 
 
-def _along_axes(places, chart, charts):
+def _along_axes(places: Floats, chart: Indices, charts: int) -> tuple[Floats, Floats]:
     """(N, 2) places with each chart turned into its smallest box, whose corner is the origin; (charts, 2) its sides."""
     import numpy as np
 
@@ -74,7 +84,7 @@ def _along_axes(places, chart, charts):
     return result, extent
 
 
-def _turned(places, quarters):
+def _turned(places: Floats, quarters: Indices) -> Floats:
     """(N, 2) places turned about the origin by quarter turns (N,)."""
     import numpy as np
 
@@ -83,7 +93,9 @@ def _turned(places, quarters):
     return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
 
 
-def _packed(places, spacing, chart, faces, scale, gap):
+def _packed(
+    places: Floats, spacing: float, chart: Indices, faces: Indices, scale: float, gap: int
+) -> tuple[Floats, int]:
     """(N, 2) texels of charts packed at `scale` texels a unit, `gap` texels apart, and how many texels a side."""
     import numpy as np
     import xatlas

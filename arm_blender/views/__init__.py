@@ -170,7 +170,7 @@ def _read(path: Path, options: ViewOptions, progress: Progress, left_out: LeaveO
 
 def _provider(options: ViewOptions, heard: Heard) -> MultiviewProvider:
     """What makes views of a single picture."""
-    if options.multiview == "zero123plus":
+    if options.multiview == "zero123plus" and options.zero123plus is not None:
         return Zero123Plus(options.zero123plus, options.rig_distance, options.fovy_deg, heard)
     return PictureAlone(options.elevation_deg, options.fovy_deg, heard)
 

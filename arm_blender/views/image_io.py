@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from ..errors import InputImageError
@@ -113,7 +114,7 @@ def write_png(path: Path, image: Tensor, srgb: bool) -> None:
             raise OSError(0, sink.geterror() or "no space")
 
 
-def _rows(source: oiio.ImageInput, spec: oiio.ImageSpec, top: int, bottom: int) -> np.ndarray | None:
+def _rows(source: oiio.ImageInput, spec: oiio.ImageSpec, top: int, bottom: int) -> NDArray[np.float32] | None:
     """(bottom - top, W, N) of the file, whole tiles or the last ones; None where they cannot be read."""
     x, y = spec.x, spec.y  # An EXR's window may begin anywhere.
     if spec.tile_width:
@@ -123,7 +124,7 @@ def _rows(source: oiio.ImageInput, spec: oiio.ImageSpec, top: int, bottom: int) 
     return source.read_scanlines(0, 0, y + top, y + bottom, spec.z, 0, spec.nchannels, "float")
 
 
-def _linear(pixels: np.ndarray, spec: oiio.ImageSpec, premultiplied: bool) -> Tensor:
+def _linear(pixels: NDArray[np.float32], spec: oiio.ImageSpec, premultiplied: bool) -> Tensor:
     """(4, H, W) linear Rec.709 and straight alpha of a file's rows (H, W, N).
 
     Args:
@@ -138,7 +139,7 @@ def _linear(pixels: np.ndarray, spec: oiio.ImageSpec, premultiplied: bool) -> Te
     return torch.cat([color.clamp(0.0, 1.0), alpha])
 
 
-def _rgba_of_channels(pixels: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
+def _rgba_of_channels(pixels: NDArray[np.float32], names: tuple[str, ...]) -> NDArray[np.float32]:
     """(H, W, 4) of (H, W, N) by the channels' names; alpha is 1 where there is none.
 
     A multilayer EXR puts its layer's name before each channel: the first layer that has R, G and B is taken.
@@ -152,7 +153,7 @@ def _rgba_of_channels(pixels: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
     return np.nan_to_num(np.stack([*color, alpha], axis=-1), nan=0.0, posinf=1.0, neginf=0.0)
 
 
-def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
+def _upright(pixels: NDArray[np.float32], orientation: int) -> NDArray[np.float32]:
     """(H, W, C) as it is meant to be seen, from the EXIF orientation (1 to 8) of the stored rows."""
     if orientation in (5, 6, 7, 8):
         pixels = pixels.transpose(1, 0, 2)

@@ -8,7 +8,7 @@ import dataclasses
 import hashlib
 import json
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -16,12 +16,11 @@ from safetensors.torch import save as to_bytes
 from torch import Tensor, nn
 
 from ..errors import CheckpointError
-from ..machine.config_json import config_from_dict
+from ..machine.config_json import Config, config_from_dict
 from ..machine.files import whole_file
 from .folder import folder_of
-from .registry import REGISTRY, Weights
-
-Config = TypeVar("Config")
+from .registry import REGISTRY as REGISTRY
+from .registry import Weights
 
 FORMAT = "arm_blender/1"
 """Stands in every file; a file without it was written by another program."""

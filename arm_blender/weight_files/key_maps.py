@@ -43,7 +43,7 @@ class KeyMap:
 
     def renamed(self, prefix: str, names: Mapping[str, str]) -> "KeyMap":
         """Our keys with the parts `names` replaced and `prefix` in front."""
-        sources = {}
+        sources: dict[str, Source] = {}
         for key, source in self.sources.items():
             for old, new in names.items():
                 key = key.replace(old, new)
@@ -137,7 +137,8 @@ def materialistic_cascade() -> KeyMap:
 
     Dropping its cross-attention drops layer norms too, so the fusion meets shifted statistics: fine-tune.
     """
-    sources, unused = {}, ["cross_attention_", "out_conv.", "fusion_4.resConfUnit1."]
+    sources: dict[str, Source] = {}
+    unused = ["cross_attention_", "out_conv.", "fusion_4.resConfUnit1."]
     for k in range(4):
         theirs, ours = f"fusion_{k + 1}", f"fusions.{k}"  # They count from one.
         sources |= _layer(f"contexts.{k}.readout", f"spatial_transform_{k + 1}.0.project.0")
@@ -154,7 +155,7 @@ def materialistic_cascade() -> KeyMap:
 def camera_encoder(depth: int, prefix: str = "") -> KeyMap:
     """`ImageEncoder` from InstantMesh's, cameras included."""
     key_map = image_encoder(transformers_vit(depth, f"{prefix}model."))
-    sources = {}
+    sources: dict[str, Source] = {}
     for layer in (0, 2):
         sources |= _layer(f"camera_embedder.{layer}", f"{prefix}camera_embedder.{layer}")
     for i in range(depth):
@@ -238,7 +239,7 @@ def _layer(ours: str, theirs: str) -> dict[str, Source]:
 
 
 def _hidden_layers(count: int, theirs: str) -> dict[str, Source]:
-    sources = {}
+    sources: dict[str, Source] = {}
     for i in range(count):
         sources |= _layer(f"{2 * i}", f"{theirs}.{2 * i}")
     return sources

@@ -12,7 +12,7 @@ class _Uninitialised(TorchFunctionMode):
     """`torch.nn.init` does nothing."""
 
     def __torch_function__(
-        self, func: Callable, types: tuple, args: tuple = (), kwargs: dict[str, Any] | None = None
+        self, func: Callable[..., Any], types: Any, args: tuple[Any, ...] = (), kwargs: dict[str, Any] | None = None
     ) -> Any:
         kwargs = kwargs or {}
         if getattr(func, "__module__", "") == "torch.nn.init":

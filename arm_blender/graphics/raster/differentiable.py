@@ -132,7 +132,8 @@ def _crossings(
     surface_before = along == solid[owner]
     near, far = torch.where(surface_before, pixel, pixel + step), torch.where(surface_before, pixel + step, pixel)
     seen, shown = fragments.depth.detach().flatten(), fragments.face_id.flatten()
-    inverse = torch.lerp(*(1.0 / depth[edges[owner]]).unbind(1), share.detach())
+    inverse_start, inverse_end = (1.0 / depth[edges[owner]]).unbind(1)
+    inverse = torch.lerp(inverse_start, inverse_end, share.detach())
     visible = (seen[near] < seen[far]) & (shown[near] != shown[far]) & (inverse * seen[far] > 1.0)
     kept = (inside & visible).nonzero()[:, 0]
     center = before + 0.5

@@ -105,9 +105,9 @@ def interpolate(attributes: Tensor, faces: Tensor, fragments: Fragments) -> Tens
     face_id, barycentric = fragments.face_id.flatten(), fragments.barycentric.flatten(1)
 
     def values(pixel: Tensor) -> tuple[Tensor]:
-        corners = faces[face_id[pixel]]  # (P, 3)
-        weights = barycentric[:, pixel].to(attributes.dtype)  # (3, P)
-        return (sum(weights[i, :, None] * attributes[corners[:, i]] for i in range(3)),)
+        a, b, c = faces[face_id[pixel]].unbind(1)
+        first, second, third = barycentric[:, pixel].to(attributes.dtype)[..., None]  # (P, 1)
+        return (first * attributes[a] + second * attributes[b] + third * attributes[c],)
 
     pixel = fragments.mask.flatten().nonzero()[:, 0]
     empty = attributes.new_zeros(height * width)

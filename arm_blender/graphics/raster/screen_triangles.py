@@ -31,7 +31,12 @@ class ScreenTriangles:
 
     def chosen(self, index: Tensor) -> "ScreenTriangles":
         """Those of `index`."""
-        return ScreenTriangles(*(None if part is None else part[index] for part in vars(self).values()))
+
+        def part(of_all: Tensor | None) -> Tensor | None:
+            return None if of_all is None else of_all[index]
+
+        inverse_depth, corners, view = map(part, (self.inverse_depth, self.corners, self.view))
+        return ScreenTriangles(self.xy[index], inverse_depth, self.face[index], corners, view)
 
 
 def screen_triangles(vertices: Tensor, faces: Tensor, camera: Camera) -> ScreenTriangles:
@@ -47,8 +52,9 @@ def screen_triangles(vertices: Tensor, faces: Tensor, camera: Camera) -> ScreenT
         whole = ((fronts == 3) & covering).nonzero()[:, 0]
         cut = ((fronts > 0) & (fronts < 3) & finite[faces].all(dim=1)).nonzero()[:, 0]
     inverse_depth = depth.reciprocal()
-    triangles = ScreenTriangles(xy[faces[whole]], inverse_depth[faces[whole]], whole, None)
-    return triangles if len(cut) == 0 else _with_cut_faces(triangles, vertices, faces, cut, camera)
+    at_corners = inverse_depth[faces[whole]]
+    triangles = ScreenTriangles(xy[faces[whole]], at_corners, whole, None)
+    return triangles if len(cut) == 0 else _with_cut_faces(triangles, at_corners, vertices, faces, cut, camera)
 
 
 def _may_cover(xy: Tensor, faces: Tensor) -> Tensor:
@@ -73,7 +79,7 @@ def _may_cover(xy: Tensor, faces: Tensor) -> Tensor:
 
 
 def _with_cut_faces(
-    triangles: ScreenTriangles, vertices: Tensor, faces: Tensor, cut: Tensor, camera: Camera
+    triangles: ScreenTriangles, inverse_depth: Tensor, vertices: Tensor, faces: Tensor, cut: Tensor, camera: Camera
 ) -> ScreenTriangles:
     """`triangles` and the visible parts of the faces `cut` (P,), which cross the near plane."""
     points = vertices[faces[cut]]  # (P, 3, 3)
@@ -99,7 +105,7 @@ def _with_cut_faces(
     order = torch.argsort(face, stable=True)
     return ScreenTriangles(
         torch.cat([triangles.xy, xy])[order],
-        torch.cat([triangles.inverse_depth, depth.clamp(min=NEAR).reciprocal()])[order],
+        torch.cat([inverse_depth, depth.clamp(min=NEAR).reciprocal()])[order],
         face[order],
         torch.cat([whole, corners])[order],
     )
@@ -113,10 +119,11 @@ def of_views(parts: list[ScreenTriangles]) -> ScreenTriangles:
     if any(part.corners is not None for part in parts):
         own = torch.eye(3, dtype=parts[0].xy.dtype, device=parts[0].xy.device)
         corners = torch.cat([own.expand(len(p.face), 3, 3) if p.corners is None else p.corners for p in parts])
+    inverse_depth = [part.inverse_depth for part in parts if part.inverse_depth is not None]
     counts = torch.tensor([len(part.face) for part in parts], device=parts[0].face.device)
     return ScreenTriangles(
         torch.cat([part.xy for part in parts]),
-        torch.cat([part.inverse_depth for part in parts]),
+        torch.cat(inverse_depth) if inverse_depth else None,
         torch.cat([part.face for part in parts]),
         corners,
         torch.repeat_interleave(counts),

@@ -133,8 +133,8 @@ class BlockSamples:
         n = self.block
         case = torch.zeros((len(blocks), n, n, n), dtype=torch.int32, device=self.device)
         for corner in range(8):
-            x, y, z = corner & 1, corner >> 1 & 1, corner >> 2 & 1
-            case |= inside[:, z : z + n, y : y + n, x : x + n] << corner
+            right, back, up = corner & 1, corner >> 1 & 1, corner >> 2 & 1
+            case |= inside[:, up : up + n, back : back + n, right : right + n] << corner
         block, z, y, x = ((case > 0) & (case < 255)).nonzero().unbind(dim=1)
         # In the array's order, the mesh does not depend on the size of the blocks.
         first, order = (self._first_sample(blocks)[block] + (z * self.side + y) * self.side + x).sort()
