@@ -16,13 +16,13 @@ from arm_blender.errors import ArmError, CheckpointError, OutOfMemory
 from arm_blender.machine.memory import lower_if_short
 from arm_blender.machine.precision import chosen, gains_from_bfloat16, running_in
 from arm_blender.models.ffc import FfcConfig
+from arm_blender.models.image_encoder import ImageEncoderConfig
 from arm_blender.models.material_encoder import MaterialEncoderConfig
 from arm_blender.models.network_views import network_views
-from arm_blender.models.paper.image_encoder import ImageEncoderConfig
 from arm_blender.models.paper.instant_albedo import InstantAlbedoConfig
 from arm_blender.models.paper.reconstruction import ReconstructionConfig
-from arm_blender.models.paper.transformer import TransformerConfig
-from arm_blender.models.paper.triplane import DecoderConfig, UpsamplerConfig
+from arm_blender.models.transformer import TransformerConfig
+from arm_blender.models.triplane import DecoderConfig, UpsamplerConfig
 from arm_blender.models.unet import UnetConfig
 from arm_blender.models.vit import VitConfig
 from arm_blender.report import Report

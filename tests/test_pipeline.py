@@ -11,12 +11,12 @@ from arm_blender import networks, pipeline
 from arm_blender.config import Settings
 from arm_blender.errors import ArmError, Cancelled, CheckpointError, EmptyMeshError
 from arm_blender.graphics.cameras import project
+from arm_blender.models.image_encoder import ImageEncoderConfig
 from arm_blender.models.paper.georm import GeoRM
-from arm_blender.models.paper.image_encoder import ImageEncoderConfig
 from arm_blender.models.paper.instant_albedo import SMALL, InstantAlbedo
 from arm_blender.models.paper.reconstruction import ReconstructionConfig
-from arm_blender.models.paper.transformer import TransformerConfig
-from arm_blender.models.paper.triplane import DecoderConfig, UpsamplerConfig
+from arm_blender.models.transformer import TransformerConfig
+from arm_blender.models.triplane import DecoderConfig, UpsamplerConfig
 from arm_blender.report import Report
 from arm_blender.structures import RelightableAsset, TriangleMesh, ViewSet
 from arm_blender.views import load_views

@@ -6,9 +6,9 @@ import torch
 from torch import nn
 from torch.utils.checkpoint import checkpoint
 
-from arm_blender.models.paper.image_encoder import ModulatedBlock
-from arm_blender.models.paper.transformer import TransformerBlock
-from arm_blender.models.paper.triplane import ResidualDenseBlock
+from arm_blender.models.image_encoder import ModulatedBlock
+from arm_blender.models.transformer import TransformerBlock
+from arm_blender.models.triplane import ResidualDenseBlock
 from arm_blender.models.vit import Block
 
 REPEATED = (ModulatedBlock, TransformerBlock, ResidualDenseBlock, Block)

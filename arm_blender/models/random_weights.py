@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from .paper.transformer import TriplaneTransformer
+from .transformer import TriplaneTransformer
 
 TOKEN_DEVIATION = 0.02
 """Of class tokens and position embeddings: what DINO's training begins with."""

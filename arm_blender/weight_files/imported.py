@@ -13,11 +13,11 @@ from torch import Tensor, nn
 
 from ..errors import CheckpointError
 from ..machine.files import check_output
+from ..models.image_encoder import ImageEncoder, ImageEncoderConfig
 from ..models.material_encoder import MaterialEncoder, MaterialEncoderConfig
 from ..models.paper.georm import GeoRM
-from ..models.paper.image_encoder import ImageEncoder, ImageEncoderConfig
 from ..models.paper.reconstruction import INSTANTMESH, ReconstructionConfig
-from ..models.paper.triplane import Upsampler
+from ..models.triplane import Upsampler
 from . import checkpoints, key_maps
 from .unallocated import unallocated
 

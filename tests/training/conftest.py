@@ -11,12 +11,12 @@ import trimesh
 
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.graphics.color import bytes_from_unit, linear_from_srgb
-from arm_blender.models.paper.image_encoder import ImageEncoderConfig
+from arm_blender.models.image_encoder import ImageEncoderConfig
 from arm_blender.models.paper.reconstruction import ReconstructionConfig
-from arm_blender.models.paper.transformer import TransformerConfig
-from arm_blender.models.paper.triplane import DecoderConfig, UpsamplerConfig
 from arm_blender.models.small.feature_volume import FeatureVolumeConfig
 from arm_blender.models.small.pixel_aligned import PixelAlignedConfig
+from arm_blender.models.transformer import TransformerConfig
+from arm_blender.models.triplane import DecoderConfig, UpsamplerConfig
 from arm_blender.structures import MaterialMaps, RelightableAsset, TriangleMesh
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 from arm_blender.views.image_io import write_png

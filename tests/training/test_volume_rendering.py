@@ -10,7 +10,7 @@ from torch.nn import functional
 
 from arm_blender.graphics.cameras import orbit_camera, unproject
 from arm_blender.models.paper.georm import RAW_ISO
-from arm_blender.models.paper.triplane import DecoderConfig, decoder, sample_planes
+from arm_blender.models.triplane import DecoderConfig, decoder, sample_planes
 from arm_blender.weight_files.key_maps import convert, density_decoder
 from training.volume_rendering import (
     Draws,

@@ -12,12 +12,12 @@ from torch import Tensor
 
 from arm_blender.__main__ import main
 from arm_blender.errors import CheckpointError
+from arm_blender.models.image_encoder import ImageEncoder, ImageEncoderConfig
 from arm_blender.models.material_encoder import MaterialEncoder, MaterialEncoderConfig
 from arm_blender.models.paper.georm import GeoRM
-from arm_blender.models.paper.image_encoder import ImageEncoder, ImageEncoderConfig
 from arm_blender.models.paper.reconstruction import EncodedViews, ReconstructionConfig
-from arm_blender.models.paper.transformer import TransformerConfig
-from arm_blender.models.paper.triplane import DecoderConfig, UpsamplerConfig
+from arm_blender.models.transformer import TransformerConfig
+from arm_blender.models.triplane import DecoderConfig, UpsamplerConfig
 from arm_blender.models.vit import VisionTransformer, VitConfig
 from arm_blender.weight_files import checkpoints, imported
 

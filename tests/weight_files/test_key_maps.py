@@ -4,9 +4,9 @@ import pytest
 import torch
 from torch import Tensor
 
+from arm_blender.models.image_encoder import ImageEncoder, ImageEncoderConfig
 from arm_blender.models.material_encoder import MaterialEncoder, MaterialEncoderConfig
 from arm_blender.models.paper.georm import GeoRM
-from arm_blender.models.paper.image_encoder import ImageEncoder, ImageEncoderConfig
 from arm_blender.weight_files import key_maps
 from arm_blender.weight_files.imported import georm_from_instantmesh
 

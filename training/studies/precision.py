@@ -20,13 +20,13 @@ from arm_blender.graphics.raster.differentiable import with_gradient
 from arm_blender.graphics.raster.rasterize import interpolate, rasterize
 from arm_blender.graphics.surface.isosurface import IsosurfaceConfig, crossed_edges, vertices_from_densities
 from arm_blender.models.ffc import FfcConfig
+from arm_blender.models.image_encoder import ImageEncoderConfig
 from arm_blender.models.material_encoder import MaterialEncoderConfig
 from arm_blender.models.network_views import network_views
-from arm_blender.models.paper.image_encoder import ImageEncoderConfig
 from arm_blender.models.paper.instant_albedo import InstantAlbedoConfig
 from arm_blender.models.paper.reconstruction import ReconstructionConfig
-from arm_blender.models.paper.transformer import TransformerConfig
-from arm_blender.models.paper.triplane import UpsamplerConfig
+from arm_blender.models.transformer import TransformerConfig
+from arm_blender.models.triplane import UpsamplerConfig
 from arm_blender.models.unet import UnetConfig
 from arm_blender.models.vit import VitConfig
 from arm_blender.structures import ViewSet

@@ -13,13 +13,13 @@ from torch.nn import functional as F
 from ...graphics.cameras import front_on_x
 from ...graphics.visual_hull import Outlines
 from ...graphics.voxels import sample_volume
+from ..image_encoder import ImageEncoder, ImageEncoderConfig, camera_embedding
 from ..network_views import NetworkViews
 from ..small.detail_volume import DetailVolume
 from ..small.feature_volume import FeatureVolume, FeatureVolumeConfig, object_colors, plane_columns
 from ..small.pixel_aligned import FeaturePyramid, PixelAlignedConfig, PointReader, ViewFeatures
-from .image_encoder import ImageEncoder, ImageEncoderConfig, camera_embedding
-from .transformer import TransformerConfig, TriplaneTransformer
-from .triplane import DecoderConfig, Upsampler, UpsamplerConfig, decoder, sample_planes
+from ..transformer import TransformerConfig, TriplaneTransformer
+from ..triplane import DecoderConfig, Upsampler, UpsamplerConfig, decoder, sample_planes
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ import torch
 from torch.nn import functional
 
 from arm_blender.graphics.cameras import front_on_x, look_at, orbit_camera
-from arm_blender.models.paper.image_encoder import ImageEncoder, ImageEncoderConfig, camera_embedding
-from arm_blender.models.paper.transformer import TransformerConfig, TriplaneTransformer
-from arm_blender.models.paper.triplane import DecoderConfig, decoder, sample_planes
+from arm_blender.models.image_encoder import ImageEncoder, ImageEncoderConfig, camera_embedding
+from arm_blender.models.transformer import TransformerConfig, TriplaneTransformer
+from arm_blender.models.triplane import DecoderConfig, decoder, sample_planes
 from arm_blender.structures import stack_cameras
 from arm_blender.views.rigs import zero123plus_rig
 from arm_blender.weight_files.key_maps import (

@@ -10,13 +10,11 @@ from scipy.ndimage import distance_transform_edt
 from arm_blender.graphics.cameras import front_on_x, orbit_camera
 from arm_blender.graphics.visual_hull import signed_silhouette_distance
 from arm_blender.graphics.voxels import sample_volume
+from arm_blender.models.image_encoder import ImageEncoderConfig
 from arm_blender.models.network_views import network_views
 from arm_blender.models.paper.georm import ISO_DENSITY, GeoRM
 from arm_blender.models.paper.glossyrm import GlossyRM
-from arm_blender.models.paper.image_encoder import ImageEncoderConfig
 from arm_blender.models.paper.reconstruction import PAPER, SMALL, ReconstructionConfig
-from arm_blender.models.paper.transformer import TransformerConfig
-from arm_blender.models.paper.triplane import DecoderConfig, UpsamplerConfig, sample_planes
 from arm_blender.models.small.feature_volume import (
     COLORS,
     FeatureVolumeConfig,
@@ -25,6 +23,8 @@ from arm_blender.models.small.feature_volume import (
     plane_columns,
 )
 from arm_blender.models.small.pixel_aligned import PixelAlignedConfig
+from arm_blender.models.transformer import TransformerConfig
+from arm_blender.models.triplane import DecoderConfig, UpsamplerConfig, sample_planes
 from arm_blender.structures import ViewSet
 
 TINY = ReconstructionConfig(

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch.nn import functional
 
-from arm_blender.models.paper.triplane import ResidualDenseBlock, Upsampler, UpsamplerConfig, sample_planes
+from arm_blender.models.triplane import ResidualDenseBlock, Upsampler, UpsamplerConfig, sample_planes
 
 
 def dense_blocks(theirs: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
