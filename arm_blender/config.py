@@ -9,9 +9,11 @@ import torch
 from .errors import ArmError
 from .graphics.surface.fairing import FairingConfig
 from .machine.precision import PRECISIONS, PrecisionName
-from .models.paper import instant_albedo, reconstruction
-from .models.paper.instant_albedo import InstantAlbedoConfig
+from .models.atlas_network import AtlasNetworkConfig
+from .models.paper import reconstruction
+from .models.paper.instant_albedo import PAPER as PAPER_ALBEDO
 from .models.paper.reconstruction import ReconstructionConfig
+from .models.small.instant_albedo import SMALL as SMALL_ALBEDO
 from .models.small.ray_occupancy import RayOccupancyConfig
 from .weight_files import checkpoints
 
@@ -32,7 +34,7 @@ class Preset:
 
     georm: ReconstructionConfig
     glossyrm: ReconstructionConfig
-    instant_albedo: InstantAlbedoConfig
+    instant_albedo: AtlasNetworkConfig
     ray_occupancy: RayOccupancyConfig | None = None
     """Makes the shape in GeoRM's place where there are too few views to compare; None leaves it to GeoRM."""
     material: PresetName | None = None
@@ -56,17 +58,17 @@ PRESETS: dict[str, Preset] = {
     "small": Preset(
         reconstruction.SMALL,
         reconstruction.SMALL_GLOSSY,
-        instant_albedo.SMALL,
+        SMALL_ALBEDO,
         RayOccupancyConfig(),
         # Its volume has cells of 0.04, whose steps show, and its surface lies inside of the outlines by a little.
         fairing=FairingConfig(wavelength=0.14, swell=0.006),
     ),
-    "paper": Preset(reconstruction.PAPER, reconstruction.PAPER, instant_albedo.PAPER, grid=256),  # ARM, section 5.1.
+    "paper": Preset(reconstruction.PAPER, reconstruction.PAPER, PAPER_ALBEDO, grid=256),  # ARM, section 5.1.
     # InstantMesh has no networks of the material, and those of `small` need to know nothing of the shape's.
     "instantmesh": Preset(
         reconstruction.INSTANTMESH,
         reconstruction.SMALL_GLOSSY,
-        instant_albedo.SMALL,
+        SMALL_ALBEDO,
         material="small",
     ),
 }

@@ -7,6 +7,7 @@ read: nothing is there twice. Large ones are not kept, so that a run's peak is i
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import nn
@@ -15,23 +16,25 @@ from .config import PRESETS, Settings
 from .errors import CheckpointError
 from .machine.interruptible import interruptible
 from .machine.precision import chosen, running_in
+from .models.atlas_network import AtlasNetworkConfig
 from .models.paper.georm import GeoRM
 from .models.paper.glossyrm import GlossyRM
-from .models.paper.instant_albedo import InstantAlbedo, InstantAlbedoConfig
+from .models.paper.instant_albedo import PaperInstantAlbedo
 from .models.paper.reconstruction import ReconstructionConfig
 from .models.random_weights import random_state
+from .models.small.instant_albedo import InstantAlbedo, InstantAlbedoConfig
 from .models.small.ray_occupancy import RayOccupancy, RayOccupancyConfig
 from .report import Report
 from .weight_files import checkpoints
 from .weight_files.unallocated import unallocated
 
-NETWORKS: dict[str, tuple[type[nn.Module], type]] = {
-    "georm": (GeoRM, ReconstructionConfig),
-    "glossyrm": (GlossyRM, ReconstructionConfig),
-    "instant_albedo": (InstantAlbedo, InstantAlbedoConfig),
-    "ray_occupancy": (RayOccupancy, RayOccupancyConfig),
+NETWORKS: dict[str, dict[type, Callable[[Any], nn.Module]]] = {
+    "georm": {ReconstructionConfig: GeoRM},
+    "glossyrm": {ReconstructionConfig: GlossyRM},
+    "instant_albedo": {InstantAlbedoConfig: InstantAlbedo, AtlasNetworkConfig: PaperInstantAlbedo},
+    "ray_occupancy": {RayOccupancyConfig: RayOccupancy},
 }
-"""Each network and the config that its checkpoint carries."""
+"""What makes each network, by the type of the config that its checkpoint carries."""
 
 LARGE = 2**25
 """Parameters from which on a network is read anew for each item of a batch, and may run in bfloat16. The largest of
@@ -79,6 +82,11 @@ def check_folder(settings: Settings) -> None:
     raise CheckpointError(f"{folder}: holds none of {names}; name the trained files so")
 
 
+def build(name: str, config: Any) -> nn.Module:
+    """The network of that name that the config is of; its weights are random."""
+    return NETWORKS[name][type(config)](config)
+
+
 def load(name: str, settings: Settings) -> nn.Module:
     """A network with its weights, ready to run; the caller holds the only reference to a large one.
 
@@ -95,10 +103,9 @@ def load(name: str, settings: Settings) -> nn.Module:
     key = (name, path, path.stat().st_mtime_ns if path.is_file() else 0, settings.device)
     if key in _kept:
         return _kept[key]
-    network, config_type = NETWORKS[name]
-    config, state = checkpoints.load(path, config_type)
+    config, state = checkpoints.load(path, *NETWORKS[name])
     with unallocated():
-        module = network(config)
+        module = build(name, config)
     checkpoints.restore(module, state, path)
     module = _ready(module, settings.device)
     if not is_large(module):
@@ -131,7 +138,7 @@ def is_large(module: nn.Module) -> bool:
 def _with_random_weights(name: str, settings: Settings) -> nn.Module:
     preset = PRESETS[settings.preset]
     with unallocated():
-        module = NETWORKS[name][0](getattr(preset, name))
+        module = build(name, getattr(preset, name))
     # One seed for all: GlossyRM begins with GeoRM's weights, as its training does.
     module.load_state_dict(random_state(module, settings.random_weights), assign=True)
     return module

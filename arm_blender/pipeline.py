@@ -186,10 +186,7 @@ def atlas(mesh: TriangleMesh | UvMesh, settings: Settings, report: Report, progr
 
 
 def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report, progress: Progress) -> MaterialMaps:
-    """Albedo and baked colour by InstantAlbedo, roughness and metallic by GlossyRM (ARM, sections 5.1 to 5.3).
-
-    Where InstantAlbedo's weights predict roughness and metallic as well (the paper's ablation), those are taken.
-    """
+    """Albedo and baked colour by InstantAlbedo, roughness and metallic by GlossyRM (ARM, sections 5.1 to 5.3)."""
     size = texture_size_for(mesh, views, settings.resolved.texture_size)
     if size < settings.resolved.texture_size:
         report.leave_out(f"texels beyond {size} a side", "the views have no more pixels to fill them")
@@ -204,13 +201,9 @@ def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report,
         report.leave_out("in-painting", "every texel was seen")
     progress(0.26, "filling unseen texels")
     base = maps.diffuse_fill(colors, known, texels)
-    albedo, baked, glossy = paint(views, texels, seen, base, settings, report, part(progress, 0.3, 0.6))
+    albedo, baked = paint(views, texels, seen, base, settings, report, part(progress, 0.3, 0.6))
     del seen, base, colors, weight
-    if glossy is None:
-        roughness, metallic = gloss(mesh, views, texels, settings, report, part(progress, 0.6, 1.0))
-    else:
-        report.leave_out("GlossyRM", "InstantAlbedo predicts roughness and metallic, too")
-        roughness, metallic = _gloss_maps(glossy, texels.mask, report)
+    roughness, metallic = gloss(mesh, views, texels, settings, report, part(progress, 0.6, 1.0))
     return MaterialMaps(maps.pad(albedo, texels.mask), maps.pad(baked, texels.mask), roughness, metallic)
 
 
@@ -222,15 +215,15 @@ def paint(
     settings: Settings,
     report: Report,
     progress: Progress,
-) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
-    """What `InstantAlbedo.predict` says of the atlas; the network's memory is free again afterwards."""
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """What InstantAlbedo says of the atlas, albedo and baked colour; the network's memory is free again afterwards."""
     progress(0.0, "InstantAlbedo: loading")
     network = networks.load("instant_albedo", settings)
     painting = partial(progress, 0.1, "InstantAlbedo: painting")
     painting()
     with networks.running(network, settings, report, painting):
-        found = network.predict(views.images, texels, seen, base)
-    finite = all(bool(image.isfinite()[:, texels.mask].all()) for image in found if image is not None)
+        found = network(views.images, texels, seen, base)
+    finite = all(bool(image.isfinite()[:, texels.mask].all()) for image in found)
     _require_numbers(finite, "instant_albedo", views, settings)
     return found
 

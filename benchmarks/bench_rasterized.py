@@ -11,7 +11,7 @@ from pathlib import Path
 
 import torch
 
-from arm_blender.models.paper.instant_albedo import SMALL, InstantAlbedo
+from arm_blender.models.small.instant_albedo import SMALL, InstantAlbedo
 from training.datasets.atlases import AtlasConfig
 from training.datasets.rasterized_atlases import RasterizedAtlases
 from training.documents import markdown_table, paragraphs

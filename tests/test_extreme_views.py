@@ -15,7 +15,7 @@ from arm_blender.graphics import silhouette_fill
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.models.paper.georm import GeoRM
 from arm_blender.models.paper.glossyrm import GlossyRM
-from arm_blender.models.paper.instant_albedo import InstantAlbedo
+from arm_blender.models.small.instant_albedo import InstantAlbedo
 from arm_blender.models.small.ray_occupancy import RayOccupancy
 from arm_blender.structures import TriangleMesh, ViewSet
 from arm_blender.views import load_views
@@ -77,9 +77,7 @@ def test_weights_that_overflow_are_named(network, monkeypatch):
     if kind:
         monkeypatch.setattr(kind, "encode", overflowing(kind.encode))
     else:
-        monkeypatch.setattr(
-            InstantAlbedo, "predict", lambda self, images, texels, seen, base: (base * torch.nan, base, None)
-        )
+        monkeypatch.setattr(InstantAlbedo, "forward", lambda self, images, texels, seen, base: (base * torch.nan, base))
     mesh = None
     if network not in ("georm", "ray_occupancy"):  # A mesh of the user's saves the time of making one.
         ball = trimesh.creation.icosphere(2, 0.6)

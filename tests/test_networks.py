@@ -15,11 +15,11 @@ from arm_blender.config import FEW_VIEWS, PRESETS, QUALITIES, Preset, Settings
 from arm_blender.errors import ArmError, CheckpointError, OutOfMemory
 from arm_blender.machine.memory import lower_if_short
 from arm_blender.machine.precision import chosen, gains_from_bfloat16, running_in
+from arm_blender.models.atlas_network import AtlasNetworkConfig
 from arm_blender.models.ffc import FfcConfig
 from arm_blender.models.image_encoder import ImageEncoderConfig
 from arm_blender.models.material_encoder import MaterialEncoderConfig
 from arm_blender.models.network_views import network_views
-from arm_blender.models.paper.instant_albedo import InstantAlbedoConfig
 from arm_blender.models.paper.reconstruction import ReconstructionConfig
 from arm_blender.models.transformer import TransformerConfig
 from arm_blender.models.triplane import DecoderConfig, UpsamplerConfig
@@ -37,7 +37,7 @@ SHAPE = ReconstructionConfig(
     upsampler=UpsamplerConfig(filters=8, blocks=1, growth=4, doublings=2, channels=4),
     decoder=DecoderConfig(hidden_layers=2, hidden=16),
 )
-COLOR = InstantAlbedoConfig(
+COLOR = AtlasNetworkConfig(
     MaterialEncoderConfig(VitConfig(8, 16, 4, 2, 2, 4), (0, 1, 2, 3), 32, 8, 4),
     UnetConfig((8, 8), 8),
     FfcConfig(8, 2, 1),
@@ -289,13 +289,11 @@ def test_networks_are_built_without_memory_and_without_the_compiler():
     program = """
 import sys
 from arm_blender.config import PRESETS
-from arm_blender.models.paper.georm import GeoRM
-from arm_blender.models.paper.instant_albedo import InstantAlbedo
-from arm_blender.models.small.ray_occupancy import RayOccupancy, RayOccupancyConfig
+from arm_blender.networks import build
 from arm_blender.weight_files.unallocated import unallocated
 for preset in PRESETS.values():
     with unallocated():
-        networks = GeoRM(preset.georm), InstantAlbedo(preset.instant_albedo), RayOccupancy(RayOccupancyConfig())
+        networks = [build(name, getattr(preset, name)) for name in preset.networks]
     assert all(value.is_meta for network in networks for value in network.parameters())
 assert "torch._dynamo" not in sys.modules
 """

@@ -13,7 +13,6 @@ from arm_blender.errors import ArmError, Cancelled, CheckpointError, EmptyMeshEr
 from arm_blender.graphics.cameras import project
 from arm_blender.models.image_encoder import ImageEncoderConfig
 from arm_blender.models.paper.georm import GeoRM
-from arm_blender.models.paper.instant_albedo import SMALL, InstantAlbedo
 from arm_blender.models.paper.reconstruction import ReconstructionConfig
 from arm_blender.models.transformer import TransformerConfig
 from arm_blender.models.triplane import DecoderConfig, UpsamplerConfig
@@ -141,17 +140,6 @@ def test_a_mesh_with_edges_of_three_faces_keeps_them(views):
 def test_a_mesh_that_no_view_sees_is_said(views):
     with pytest.raises(EmptyMeshError, match="no view sees the given mesh"):
         pipeline.generate(views, QUICK, mesh=cylinder_mesh(x=50.0))
-
-
-def test_weights_that_predict_roughness_and_metallic_need_no_glossyrm(views, tmp_path):
-    network = InstantAlbedo(SMALL.ablated("unified-material")).requires_grad_(False)
-    network.ffc.last.bias[6:] = torch.tensor([0.3, 0.8]).logit()  # Its weights begin at zero.
-    path = tmp_path / Settings().weights("instant_albedo").name
-    checkpoints.save(path, network.state_dict(), network.config, "small.instant_albedo")
-    asset, report = pipeline.generate(views, replace(QUICK, weights_folder=tmp_path), mesh=cylinder_mesh())
-    assert float(asset.maps.roughness.mean()) == pytest.approx(0.3, abs=1e-4)
-    assert float(asset.maps.metallic.mean()) == pytest.approx(0.8, abs=1e-4)
-    assert "GlossyRM" in {note.what for note in report.left_out}
 
 
 @pytest.mark.parametrize(

@@ -14,15 +14,20 @@ Config = TypeVar("Config", bound="DataclassInstance")
 def config_from_dict(expected: type[Config], values: dict[str, Any]) -> Config:
     """A (nested) dataclass from what JSON kept of it. A field that is absent takes its default.
 
+    A class may name fields in `RETIRED` that it had, each with the only value that it still stands for.
+
     Raises:
         ValueError: a key is unknown, or a value does not fit its field.
         TypeError: a field without a default is absent.
     """
     hints = typing.get_type_hints(expected)
     known = {field.name for field in dataclasses.fields(expected) if field.init}
-    if not isinstance(values, dict) or values.keys() - known:
-        unknown = sorted(values.keys() - known) if isinstance(values, dict) else values
-        raise ValueError(f"unknown config key {unknown} for {expected.__name__}")
+    if not isinstance(values, dict):
+        raise ValueError(f"unknown config key {values} for {expected.__name__}")
+    retired = getattr(expected, "RETIRED", {})
+    values = {key: value for key, value in values.items() if key not in retired or value != retired[key]}
+    if values.keys() - known:
+        raise ValueError(f"unknown config key {sorted(values.keys() - known)} for {expected.__name__}")
     return expected(**{key: _typed(hints[key], value, key) for key, value in values.items()})
 
 

@@ -75,20 +75,21 @@ def save(
         temporary.write_bytes(to_bytes(tensors, header))
 
 
-def load(path: Path, expected: type[Config]) -> tuple[Config, dict[str, Tensor]]:
-    """The config and the state dict of a checkpoint; floating-point tensors as float32.
+def load(path: Path, *expected: type[Config]) -> tuple[Config, dict[str, Tensor]]:
+    """The config, of one of the expected types, and the state dict of a checkpoint; floating-point tensors as float32.
 
     Raises:
         CheckpointError: the file is missing, damaged, or made for another model or version.
     """
     header = read_header(path)
-    if header["type"] != expected.__name__:
+    named = {kind.__name__: kind for kind in expected}
+    if header["type"] not in named:
         raise CheckpointError(
-            f"{path}: holds the model {header['name']!r} ({header['type']}), but {expected.__name__} is needed; "
+            f"{path}: holds the model {header['name']!r} ({header['type']}), but {' or '.join(named)} is needed; "
             "choose the file made for this model"
         )
     try:
-        config = config_from_dict(expected, json.loads(header["config"]))
+        config = config_from_dict(named[header["type"]], json.loads(header["config"]))
     except (ValueError, TypeError) as error:
         raise CheckpointError(
             f"{path}: {error}; the file was made by another version, get one made for this"

@@ -2,7 +2,7 @@
 
 import hashlib
 from dataclasses import dataclass, make_dataclass, replace
-from typing import Literal
+from typing import ClassVar, Literal
 
 import pytest
 import torch
@@ -106,6 +106,18 @@ def test_default_fills_a_field_that_the_file_does_not_know():
 def test_unknown_key_or_unfit_value_is_refused(values):
     with pytest.raises(ValueError):
         config_from_dict(OuterConfig, values)
+
+
+def test_a_retired_field_is_known_by_the_value_that_it_stands_for():
+    """Weights from before load as what they were; other choices of the field are no longer there."""
+
+    @dataclass(frozen=True)
+    class Fewer(InnerConfig):
+        RETIRED: ClassVar = {"residual": True}
+
+    assert config_from_dict(Fewer, {"residual": True}) == Fewer()
+    with pytest.raises(ValueError, match="residual"):
+        config_from_dict(Fewer, {"residual": False})
 
 
 def test_missing_file_names_itself_and_its_remedy(tmp_path):

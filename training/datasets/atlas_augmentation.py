@@ -39,5 +39,4 @@ def augment(atlas: Atlas, channels: Tensor, angle: float) -> Atlas:
         lookup=atlas.lookup,
         baked=atlas.baked[:, channels],
         albedo=atlas.albedo[:, channels],
-        gloss=atlas.gloss,
     )

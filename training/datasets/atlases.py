@@ -65,7 +65,6 @@ class Atlas:
         lookup: from the N views into the atlas; its mask is where prediction and truth both show the object.
         baked: (N, 3, S, S) sRGB truth, lit.
         albedo: (N, 3, S, S) sRGB truth, unlit.
-        gloss: (N, 2, S, S) true roughness and metallic.
     """
 
     images: Tensor
@@ -75,7 +74,6 @@ class Atlas:
     lookup: AtlasLookup
     baked: Tensor
     albedo: Tensor
-    gloss: Tensor
 
 
 def prepare(shards: Path, cache: Path, config: AtlasConfig = AtlasConfig(), seed: int = 0) -> int:
@@ -149,7 +147,6 @@ def atlas_of(arrays: dict[str, np.ndarray], subset: int) -> Atlas:
         ),
         baked=rgba[:, :3],
         albedo=torch.from_numpy(arrays["albedo"]).permute(0, 3, 1, 2) / 255.0,
-        gloss=torch.from_numpy(np.stack([arrays["roughness"], arrays["metallic"]], axis=1)) / 255.0,
     )
 
 
@@ -194,7 +191,7 @@ def sample_arrays(
     covering = rasterize_uv(mesh.uvs, mesh.face_uvs, size).face_id
     chart = torch.where(covering >= 0, face_chart[covering], -1)
     return {
-        **{name: rig[name] for name in ("rgba", "albedo", "roughness", "metallic", "c2w", "K")},
+        **{name: rig[name] for name in ("rgba", "albedo", "c2w", "K")},
         "position": texels.position.half().numpy(),
         "normal": (texels.normal * 127.0).round().to(torch.int8).numpy(),
         "chart": chart.int().numpy(),

@@ -8,14 +8,12 @@ import argparse
 import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import get_args
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from arm_blender.errors import ArmError
 from arm_blender.graphics.color import srgb_from_linear
-from arm_blender.models.paper.instant_albedo import Ablation, InstantAlbedo, InstantAlbedoConfig
 from arm_blender.weight_files import checkpoints
 
 from .. import distributed, options
@@ -30,56 +28,60 @@ from ..rasterized.pictures import read_library
 from ..rendering.shards import meshes
 from ..run_record import RunRecord
 from ..trainer import Trainer
-from .instant_albedo_start import FRESH, SIZES, Starts, network_of
+from .instant_albedo_start import SIZES, Start, start_of
 
 logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class FitConfig:
-    """What one step compares, and what is kept for validation."""
+    """What one step and a validation compare."""
 
     views: int = 10
     """Truth views compared in a step, drawn anew each time; fewer are faster and noisier."""
-    held_out: int = 20
-    """One object in so many is kept for validation."""
     validate: int = 16
     """Held-out samples at most in a validation."""
     loss: ImageLossConfig = ImageLossConfig()
     """Balance of the image loss."""
     perceptual: Perceptual | None = None
     """LPIPS where its weights are at hand; without it the loss has no perceptual term."""
-    rasterized: float = 0.0
-    """Share of the samples that are rasterised on the fly; the others are Cycles' renders."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Where a fit's samples come from."""
+
+    cache: Path
+    """Of those made by `atlases.prepare`."""
+    held_out: int = 20
+    """One object in so many is kept for validation."""
+    rasterized: RasterizedAtlases | None = None
+    """Makes samples on the fly; held-out objects are taken out of it."""
+    share: float = 0.0
+    """Of the samples that are rasterised on the fly; the others are Cycles' renders."""
 
 
 def fit(
-    cache: Path,
-    config: InstantAlbedoConfig,
+    start: Start,
+    samples: Samples,
     output: Path,
     trainer_config: TrainerConfig,
-    seed: int = 0,
     settings: FitConfig = FitConfig(),
-    starts: Starts = FRESH,
-    rasterized: RasterizedAtlases | None = None,
     record: RunRecord | None = None,
-) -> InstantAlbedo:
+) -> nn.Module:
     """Fit until the time is up and write the averaged weights; goes on from `<output>.resume` where there is one.
 
     Args:
-        cache: samples made by `atlases.prepare`.
         output: of the checkpoint.
-        starts: weights to begin with.
-        rasterized: makes the share of the samples that `settings` names; held-out objects are taken out of it.
         record: of the run.
     Raises:
         ArmError: there are no samples, or the prior is not for this network.
     """
+    seed, rasterized = trainer_config.seed, samples.rasterized
     torch.manual_seed(seed)
-    training, held_out = split(atlases.files(cache), settings.held_out)
+    training, held_out = split(atlases.files(samples.cache), samples.held_out)
     logger.info("%d samples, %d held out", len(training), len(held_out))
-    model = InstantAlbedo(config)
-    starts.give_to(model)
+    model = start.network()
     if rasterized is not None:
         hidden = {owner(path) for path in held_out}
         rasterized = replace(rasterized, meshes=[p for p in rasterized.meshes if owner(p.parent) not in hidden])
@@ -87,7 +89,7 @@ def fit(
 
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
         random = distributed.generator(seed, index)
-        if rasterized is not None and float(torch.rand((), generator=random)) < settings.rasterized:
+        if rasterized is not None and float(torch.rand((), generator=random)) < samples.share:
             atlas = augmented(rasterized.draw(random), random)
         else:
             atlas = draw(training, random)
@@ -97,48 +99,39 @@ def fit(
     metadata = {
         "steps": str(loop.step),
         "samples": str(len(training)),
-        "rasterized_share": str(settings.rasterized),
-        "material_prior": "random" if starts.material_prior is None else starts.material_prior.name,
+        "rasterized_share": str(samples.share),
+        "material_prior": "random" if start.material_prior is None else start.material_prior.name,
     }
     if distributed.rank() == 0:
-        name = next(
-            (preset for preset, sized in SIZES.items() if sized == replace(config, delighting=sized.delighting)), "own"
-        )
-        checkpoints.save(output, averaged.state_dict(), config, f"{name}.instant_albedo", metadata, half=True)
+        name = f"{start.preset}.instant_albedo"
+        checkpoints.save(output, averaged.state_dict(), start.config, name, metadata, half=True)
     return averaged
 
 
 def sample_loss(
-    model: InstantAlbedo, atlas: Atlas, settings: FitConfig, random: torch.Generator
+    model: nn.Module, atlas: Atlas, settings: FitConfig, random: torch.Generator
 ) -> tuple[Tensor, dict[str, float]]:
     """Loss of the prediction, with gradient, and that of the blend of the views, which is what it must beat."""
     views = torch.randperm(len(atlas.baked), generator=random)[: settings.views]
-    albedo, baked, gloss = model.predict(atlas.images, atlas.texels, atlas.seen, atlas.base)
-    loss = atlas_loss(albedo, baked, atlas, views, settings, gloss)
+    albedo, baked = model(atlas.images, atlas.texels, atlas.seen, atlas.base)
+    loss = atlas_loss(albedo, baked, atlas, views, settings)
     with torch.no_grad():
         blend = atlas_loss(atlas.base, atlas.base, atlas, views, settings)
     return loss, {"blend": float(blend)}
 
 
-def atlas_loss(
-    albedo: Tensor, baked: Tensor, atlas: Atlas, views: Tensor, settings: FitConfig, gloss: Tensor | None = None
-) -> Tensor:
+def atlas_loss(albedo: Tensor, baked: Tensor, atlas: Atlas, views: Tensor, settings: FitConfig) -> Tensor:
     """The paper's L_albedo (equation 4) over the truth views with these indices, where both shapes show something.
 
     Args:
         albedo, baked: (3, T, T) linear, predicted.
-        gloss: (2, T, T) roughness and metallic; their loss is added, each as that of a picture.
     """
     rows, columns = _window(atlas.lookup.mask[views])
     lookup = atlas.lookup.part(views, rows, columns)
-    textures, truths = [baked, albedo], [atlas.baked, atlas.albedo]
-    if gloss is not None:
-        textures, truths = [*textures, *gloss.split(1)], [*truths, *atlas.gloss.split(1, dim=1)]
-    shown = lookup.render(torch.cat(textures)).split([len(texture) for texture in textures], dim=1)
-    pictures = [srgb_from_linear(x) if x.shape[1] == 3 else x for x in shown]
+    shown = lookup.render(torch.cat([baked, albedo])).split(3, dim=1)
     return sum(
-        image_loss(x, y[views, :, rows, columns], lookup.mask, settings.loss, settings.perceptual)
-        for x, y in zip(pictures, truths, strict=True)
+        image_loss(srgb_from_linear(x), y[views, :, rows, columns], lookup.mask, settings.loss, settings.perceptual)
+        for x, y in zip(shown, (atlas.baked, atlas.albedo), strict=True)
     )
 
 
@@ -170,25 +163,20 @@ def split(files: list[Path], held_out: int) -> tuple[list[Path], list[Path]]:
 
 
 @torch.no_grad()
-def validate(model: InstantAlbedo, files: list[Path], settings: FitConfig) -> dict[str, float]:
-    """Mean PSNR in dB of albedo and baked colour over the truth views, all input views given; of the blend as well.
-
-    Of roughness and metallic too, where the network predicts them.
-    """
+def validate(model: nn.Module, files: list[Path], settings: FitConfig) -> dict[str, float]:
+    """Mean PSNR in dB of albedo and baked colour over the truth views, all input views given; of the blend as well."""
     found: dict[str, list[float]] = {}
     for path in files[: settings.validate]:
         atlas = atlases.load(path, 0)
         if not atlas.lookup.mask.any():
             continue
-        albedo, baked, gloss = model.predict(atlas.images, atlas.texels, atlas.seen, atlas.base)
+        albedo, baked = model(atlas.images, atlas.texels, atlas.seen, atlas.base)
         pairs = {
             "albedo": (srgb_from_linear(albedo), atlas.albedo),
             "baked": (srgb_from_linear(baked), atlas.baked),
             "blend as albedo": (srgb_from_linear(atlas.base), atlas.albedo),
             "blend as baked": (srgb_from_linear(atlas.base), atlas.baked),
         }
-        if gloss is not None:
-            pairs |= {"roughness": (gloss[:1], atlas.gloss[:, :1]), "metallic": (gloss[1:], atlas.gloss[:, 1:])}
         for name, (texture, truth) in pairs.items():
             error = (atlas.lookup.render(texture) - truth).movedim(1, -1)[atlas.lookup.mask].square().mean()
             found.setdefault(name, []).append(float(-10.0 * torch.log10(error.clamp(min=1e-10))))
@@ -206,15 +194,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--shards", type=Path, help="rendered objects; prepared into --cache where they are not yet")
     parser.add_argument("--cache", type=Path, required=True, help="folder of prepared samples")
     parser.add_argument("--output", type=Path, required=True, help="checkpoint to write")
-    parser.add_argument("--size", type=int, default=192, help="texels a side of the prepared atlases")
+    parser.add_argument(
+        "--size", type=int, default=atlases.AtlasConfig.size, help="texels a side of the prepared atlases"
+    )
     parser.add_argument("--views", type=int, default=FitConfig.views, help="truth views compared in a step")
     parser.add_argument("--lpips", type=Path, help="weights of LPIPS (VGG); without them its term is left out")
     parser.add_argument("--preset", choices=SIZES, default="small", help="sizes of the network")
     parser.add_argument("--material-prior", type=Path, help="weights of `fit material-prior` for the encoder")
     parser.add_argument("--delighting", type=Path, help="weights of `fit delighting`; without them it is left out")
     parser.add_argument("--start", type=Path, help="InstantAlbedo's own weights to go on from")
-    parser.add_argument("--ablation", choices=get_args(Ablation), default="none", help="leave a part out")
-    parser.add_argument("--rasterized", type=float, default=0.0, help="share of samples rasterised on the fly, 0 to 1")
+    parser.add_argument(
+        "--rasterized", type=float, default=Samples.share, help="share of samples rasterised on the fly, 0 to 1"
+    )
     parser.add_argument("--data", type=Path, help="textures and environments of those; ARM_DATA by default")
     options.add_loop_arguments(parser, minutes=25.0, learning_rate=4e-4)  # The paper's rate. No minutes: prepare only.
 
@@ -227,9 +218,8 @@ def run(args: argparse.Namespace) -> int:
     if args.minutes > 0:
         config, record = options.config(args), RunRecord.beside(args.output, vars(args))
         perceptual = Lpips.from_file(args.lpips) if args.lpips else None
-        settings = FitConfig(views=args.views, perceptual=perceptual, rasterized=args.rasterized)
-        starts = Starts(args.start, args.material_prior, args.delighting)
-        fit(args.cache, network_of(args), args.output, config, args.seed, settings, starts, _rasterized(args), record)
+        samples = Samples(args.cache, rasterized=_rasterized(args), share=args.rasterized)
+        fit(start_of(args), samples, args.output, config, FitConfig(args.views, perceptual=perceptual), record)
     return 0
 
 

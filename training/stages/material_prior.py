@@ -17,7 +17,6 @@ from torch.nn import functional
 from arm_blender.errors import ArmError
 from arm_blender.graphics.color import composite
 from arm_blender.models.material_encoder import MaterialEncoder, MaterialEncoderConfig
-from arm_blender.models.paper.instant_albedo import PAPER, SMALL
 from arm_blender.weight_files import checkpoints
 
 from .. import distributed, options
@@ -27,10 +26,9 @@ from ..rasterized.textures import LABELS, NOTHING
 from ..rendering import shards
 from ..run_record import RunRecord
 from ..trainer import Trainer
+from .instant_albedo_start import SIZES
 
 logger = logging.getLogger(__name__)
-
-PRESETS = {"small": SMALL.encoder, "paper": PAPER.encoder}
 
 
 @dataclass(frozen=True)
@@ -47,6 +45,22 @@ class PriorConfig:
     """One object in so many is kept for validation."""
     validate: int = 20
     """Held-out objects at most in a validation."""
+
+
+@dataclass(frozen=True)
+class Scenes:
+    """What is shown."""
+
+    meshes: list[Path]
+    """`mesh.npz` files."""
+    cache: Path
+    """Where their surfaces are kept."""
+    library: Library
+    """Of materials and light."""
+
+    def drawn(self, path: Path, size: int, views: int, random: torch.Generator) -> "MaterialSample":
+        """Pictures of `size` pixels a side of one of the meshes, under random materials and light."""
+        return material_sample(random_rig(surface_at(path, self.cache), self.library, size, random, views))
 
 
 @dataclass(frozen=True)
@@ -116,40 +130,35 @@ def prior_loss(model: MaterialPrior, sample: MaterialSample, config: PriorConfig
 
 
 def fit(
-    meshes: list[Path],
-    cache: Path,
-    library: Library,
     config: MaterialEncoderConfig,
+    scenes: Scenes,
     output: Path,
     trainer_config: TrainerConfig,
-    seed: int = 0,
     settings: PriorConfig = PriorConfig(),
     record: RunRecord | None = None,
 ) -> MaterialEncoder:
     """Fit until the time is up and write the encoder's averaged weights; goes on from `<output>.resume` if it is there.
 
     Args:
-        meshes: `mesh.npz` files.
-        cache: where their surfaces are kept.
         output: of the checkpoint, for `fit instant-albedo --material-prior`.
         record: of the run.
     Raises:
         ArmError: too few meshes.
     """
-    torch.manual_seed(seed)
-    held_out = meshes[settings.held_out - 1 :: settings.held_out]
-    training = [path for path in meshes if path not in held_out]
+    torch.manual_seed(trainer_config.seed)
+    held_out = scenes.meshes[settings.held_out - 1 :: settings.held_out]
+    training = [path for path in scenes.meshes if path not in held_out]
     if not training:
-        raise ArmError(f"{len(meshes)} objects are too few to fit and to validate; give more --shards")
+        raise ArmError(f"{len(scenes.meshes)} objects are too few to fit and to validate; give more --shards")
     loop = Trainer(MaterialPrior(config), trainer_config, output.with_suffix(".resume"), record)
     size = loop.model.size
 
     def drawn(paths: list[Path], random: torch.Generator) -> MaterialSample:
         path = paths[int(torch.randint(len(paths), (), generator=random))]
-        return material_sample(random_rig(surface_at(path, cache), library, size, random, settings.views))
+        return scenes.drawn(path, size, settings.views, random)
 
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
-        random = distributed.generator(seed, index)
+        random = distributed.generator(trainer_config.seed, index)
         samples = [drawn(training, random) for _ in range(settings.objects)]
         return prior_loss(loop.model, joined(samples), settings)
 
@@ -193,7 +202,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--cache", type=Path, required=True, help="folder for the surfaces, made ready")
     parser.add_argument("--output", type=Path, required=True, help="checkpoint to write")
-    parser.add_argument("--preset", choices=PRESETS, default="small")
+    parser.add_argument("--preset", choices=SIZES, default="small")
     parser.add_argument("--objects", type=int, default=PriorConfig.objects, help="objects a step")
     parser.add_argument("--views", type=int, default=PriorConfig.views, help="pictures of each, 1 to 10")
     options.add_loop_arguments(parser, minutes=60.0, learning_rate=5e-4)
@@ -206,8 +215,7 @@ def run(args: argparse.Namespace) -> int:
     if args.objects < 1:
         raise ArmError(f"--objects {args.objects}: give 1 or more")
     config, record = options.config(args), RunRecord.beside(args.output, vars(args))
-    meshes, library = shards.meshes(args.shards), read_library(args.data)
+    scenes = Scenes(shards.meshes(args.shards), args.cache / "surfaces", read_library(args.data))
     settings = PriorConfig(args.objects, args.views)
-    cache = args.cache / "surfaces"
-    fit(meshes, cache, library, PRESETS[args.preset], args.output, config, args.seed, settings, record)
+    fit(SIZES[args.preset].encoder, scenes, args.output, config, settings, record)
     return 0

@@ -30,17 +30,17 @@ from ..evaluation.truth.entries import evaluation_entries, in_fair_order
 from ..evaluation.truth.objects import EvaluationObject
 from ..evaluation.truth.protocol import Protocol
 from ..evaluation.truth.truth import read_truth
+from ..options import TrainerConfig
 from ..rendering import shards
 from ..run_record import last_scalar
 from ..stages import georm_occupancy, instant_albedo
+from . import ablated_albedo
+from .ablated_albedo import WHOLE
 
 logger = logging.getLogger(__name__)
 
 PROTOCOL = Protocol()
 """What the objects are measured by; nothing is lit."""
-
-WHOLE = "none"
-"""What the network with all its parts leaves out."""
 
 VIEWS, ALBEDO_RATE = 4, 1e-3
 """Truth views in a step of InstantAlbedo, and its learning rate: for runs this short."""
@@ -53,7 +53,7 @@ class Study:
     Attributes:
         network: as of `Settings.weights`.
         title: in the table.
-        stage: module of the stage that fits it.
+        stage: module of the stage that fits it; None where `ablated_albedo` does.
         rows: title in the table by the name of the ablation; `WHOLE` is the first.
         validated: the stage's own number on held-out objects, in its validations.
         baseline: the same without a network.
@@ -64,7 +64,7 @@ class Study:
 
     network: str
     title: str
-    stage: ModuleType
+    stage: ModuleType | None
     rows: dict[str, str]
     validated: str
     baseline: str
@@ -80,13 +80,12 @@ class Study:
 ALBEDO = Study(
     "instant_albedo",
     "InstantAlbedo",
-    instant_albedo,
+    None,
     {
         WHOLE: "nothing left out",
         "no-measurements": "no measurements",
-        "no-material-prior": "no material encoder",
+        "no-material-encoder": "no material encoder",
         "local-unet": "a local U-Net for FFC-Net",
-        "unified-material": "roughness and metallic predicted, too",
         "no-super-resolution": "no super-resolution",
     },
     validated="albedo",
@@ -172,12 +171,13 @@ def fitted(study: Study, steps: int, args: argparse.Namespace) -> dict[str, Sett
         atlases.prepare(args.shards, args.cache)
     for ablation, settings in missing.items():
         weights = settings.weights_folder / settings.weights(study.network).name
-        words = ["--output", weights, "--steps", steps, "--seed", 0]
-        words += ["--data", args.data] if args.data is not None else []
         if study is ALBEDO:
-            words += ["--cache", args.cache, "--views", VIEWS, "--learning-rate", ALBEDO_RATE, "--ablation", ablation]
-        else:
-            words += ["--shards", args.shards, *([f"--{ablation}"] if ablation != WHOLE else [])]
+            config = TrainerConfig(steps=steps, learning_rate=ALBEDO_RATE, weight_decay=0.0)
+            ablated_albedo.fit(ablation, args.cache, weights, config, VIEWS)
+            continue
+        words = ["--output", weights, "--steps", steps, "--seed", 0, "--shards", args.shards]
+        words += ["--data", args.data] if args.data is not None else []
+        words += [f"--{ablation}"] if ablation != WHOLE else []
         parser = argparse.ArgumentParser(prog=f"python -m training ablations: {study.system(ablation)}")
         study.stage.add_arguments(parser)
         if study.stage.run(parser.parse_args([str(word) for word in words])) != 0 or not settings.brings(study.network):

@@ -23,7 +23,7 @@ from arm_blender.models.network_views import NetworkViews
 from arm_blender.models.paper.georm import RAW_ISO, GeoRM
 from arm_blender.models.paper.glossyrm import GlossyRM
 from arm_blender.models.paper.instant_albedo import PAPER as PAPER_ALBEDO
-from arm_blender.models.paper.instant_albedo import InstantAlbedo
+from arm_blender.models.paper.instant_albedo import PaperInstantAlbedo
 from arm_blender.models.paper.reconstruction import PAPER, EncodedViews
 from arm_blender.report import own_peak_mib
 from arm_blender.structures import TexelMap, TexelViews, stack_cameras
@@ -226,8 +226,8 @@ def table(runs: dict[str, Run]) -> str:
     def georm() -> GeoRM:
         return GeoRM(PAPER)
 
-    def albedo() -> InstantAlbedo:
-        return InstantAlbedo(PAPER_ALBEDO)
+    def albedo() -> PaperInstantAlbedo:
+        return PaperInstantAlbedo(PAPER_ALBEDO)
 
     encoded, again = (kept_without_memory(georm, encoding, recompute) for recompute in (False, True))
     for name, run in runs.items():

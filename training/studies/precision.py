@@ -19,11 +19,11 @@ from arm_blender.graphics.light.brdf import evaluate
 from arm_blender.graphics.raster.differentiable import with_gradient
 from arm_blender.graphics.raster.rasterize import interpolate, rasterize
 from arm_blender.graphics.surface.isosurface import IsosurfaceConfig, crossed_edges, vertices_from_densities
+from arm_blender.models.atlas_network import AtlasNetworkConfig
 from arm_blender.models.ffc import FfcConfig
 from arm_blender.models.image_encoder import ImageEncoderConfig
 from arm_blender.models.material_encoder import MaterialEncoderConfig
 from arm_blender.models.network_views import network_views
-from arm_blender.models.paper.instant_albedo import InstantAlbedoConfig
 from arm_blender.models.paper.reconstruction import ReconstructionConfig
 from arm_blender.models.transformer import TransformerConfig
 from arm_blender.models.triplane import UpsamplerConfig
@@ -55,7 +55,7 @@ NARROW = Preset(
         upsampler=UpsamplerConfig(filters=64, growth=16, channels=16),
     ),
     glossyrm=ReconstructionConfig(),
-    instant_albedo=InstantAlbedoConfig(
+    instant_albedo=AtlasNetworkConfig(
         encoder=MaterialEncoderConfig(VitConfig(dim=96, heads=3), image_size=96, channels=32, out_channels=8),
         unet=UnetConfig((16, 32, 64, 128), 16),
         ffc=FfcConfig(width=16),
@@ -129,7 +129,7 @@ def network_errors(preset: Preset, views: ViewSet, shipped: bool) -> Iterator[tu
 def built(name: str, config: Any, shipped: bool) -> nn.Module:
     """A network of `networks.NETWORKS` with the weights of `small`, or with seeded random ones."""
     torch.manual_seed(0)
-    network = networks.NETWORKS[name][0](config)
+    network = networks.build(name, config)
     if shipped:
         path = Settings().weights(name)
         checkpoints.restore(network, checkpoints.load(path, type(config))[1], path)

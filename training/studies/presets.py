@@ -8,11 +8,8 @@ from pathlib import Path
 
 from torch import nn
 
+from arm_blender import networks
 from arm_blender.config import PRESETS
-from arm_blender.models.paper.georm import GeoRM
-from arm_blender.models.paper.glossyrm import GlossyRM
-from arm_blender.models.paper.instant_albedo import InstantAlbedo
-from arm_blender.models.small.ray_occupancy import RayOccupancy
 from arm_blender.weight_files.unallocated import unallocated
 
 from ..documents import fill_block, markdown_table
@@ -48,16 +45,15 @@ def network_parameters(preset: str) -> dict[str, int]:
     """Parameters of every network of a preset, and of the parts that they are made of."""
     configs = PRESETS[preset]
     with unallocated():
-        geometry, glossy = GeoRM(configs.georm), GlossyRM(configs.glossyrm)
-        colours = InstantAlbedo(configs.instant_albedo)
+        modules = {name: networks.build(name, getattr(configs, name)) for name in configs.networks}
+    geometry, colours = modules["georm"], modules["instant_albedo"]
     counts = {"**GeoRM**": _count(geometry)}
     counts |= {f"GeoRM, {part}": _count(module) for part, module in geometry.model.named_children()}
-    counts["**GlossyRM** (the parts of GeoRM)"] = _count(glossy)
+    counts["**GlossyRM** (the parts of GeoRM)"] = _count(modules["glossyrm"])
     counts["**InstantAlbedo**"] = _count(colours)
     counts |= {f"InstantAlbedo, {part}": _count(module) for part, module in colours.named_children()}
-    if configs.ray_occupancy:
-        with unallocated():
-            counts["**RayOccupancy**"] = _count(RayOccupancy(configs.ray_occupancy))
+    if "ray_occupancy" in modules:
+        counts["**RayOccupancy**"] = _count(modules["ray_occupancy"])
     return counts
 
 

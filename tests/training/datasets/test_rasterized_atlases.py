@@ -7,11 +7,12 @@ import pytest
 import torch
 import trimesh
 
+from arm_blender import networks
 from arm_blender.errors import ArmError, CheckpointError
 from arm_blender.graphics.color import srgb_from_linear
 from arm_blender.models.ffc import FfcConfig
 from arm_blender.models.material_encoder import MaterialEncoderConfig
-from arm_blender.models.paper.instant_albedo import InstantAlbedo, InstantAlbedoConfig
+from arm_blender.models.small.instant_albedo import InstantAlbedo, InstantAlbedoConfig
 from arm_blender.models.unet import UnetConfig
 from arm_blender.models.vit import VitConfig
 from arm_blender.weight_files import checkpoints
@@ -25,11 +26,12 @@ from training.rasterized.textures import LABELS, NOTHING
 from training.rendering.camera_rigs import random_views
 from training.rendering.shards import save_arrays
 from training.stages import instant_albedo, material_prior
-from training.stages.instant_albedo_start import Starts
+from training.stages.instant_albedo_start import Start
+from training.studies.ablated_albedo import without
 from training.trainer import TrainerConfig
 
 ENCODER = MaterialEncoderConfig(VitConfig(8, 16, 4, 2, 4, 4), (0, 1, 2, 3), 32, 8, 4)
-TINY = InstantAlbedoConfig(ENCODER, UnetConfig((8, 8), 8, 2), FfcConfig(8, 2, 1), resolution=32, residual=True)
+TINY = InstantAlbedoConfig(ENCODER, UnetConfig((8, 8), 8, 2), FfcConfig(8, 2, 1), resolution=32)
 NOTHING_STORED = Library([], [])
 
 
@@ -60,7 +62,7 @@ def sample(source):
 def test_a_sample_is_drawn_again_from_what_is_kept(source, sample):
     """The second time the shape is read, not made; nothing of the pictures was stored."""
     again = replace(source, meshes=list(source.meshes)).draw(torch.Generator().manual_seed(1))
-    for name in ("images", "base", "baked", "albedo", "gloss"):
+    for name in ("images", "base", "baked", "albedo"):
         assert torch.equal(getattr(sample, name), getattr(again, name))
     assert torch.equal(sample.lookup.texel, again.lookup.texel)
     kinds = {path.name.split(".", 1)[1] for path in source.folder.iterdir()}
@@ -104,22 +106,20 @@ def test_instant_albedo_overfits_one_sample(sample):
     assert losses[-1] < 0.6 * losses[0]
 
 
-def extreme(sample, gloss: float):
-    """Nothing in front of the cameras, and a material at the end of its range."""
+def unseen(sample):
+    """Nothing in front of the cameras."""
     empty = AtlasLookup(sample.lookup.texel, 0.0 * sample.lookup.weight, torch.zeros_like(sample.lookup.mask))
     seen = replace(
         sample.seen, visibility=torch.zeros_like(sample.seen.visibility), color=torch.zeros_like(sample.seen.color)
     )
-    images, full = torch.zeros_like(sample.images), torch.full_like(sample.gloss, gloss)
-    return replace(sample, images=images, seen=seen, lookup=empty), replace(sample, gloss=full)
+    return replace(sample, images=torch.zeros_like(sample.images), seen=seen, lookup=empty)
 
 
-@pytest.mark.parametrize("gloss", [0.0, 1.0])
-@pytest.mark.parametrize("ablation", ["none", "unified-material", "local-unet"])
-def test_extreme_inputs_give_finite_gradients(sample, ablation, gloss):
+@pytest.mark.parametrize("ablation", ["none", "local-unet"])
+def test_extreme_inputs_give_finite_gradients(sample, ablation):
     torch.manual_seed(0)
-    model = InstantAlbedo(TINY.ablated(ablation))
-    for atlas in extreme(sample, gloss):
+    model = networks.build("instant_albedo", without(TINY, ablation))
+    for atlas in (unseen(sample), sample):
         loss, _ = instant_albedo.sample_loss(model, atlas, instant_albedo.FitConfig(), torch.Generator().manual_seed(0))
         model.zero_grad()
         loss.backward()
@@ -181,20 +181,15 @@ def test_instant_albedo_begins_with_the_prior(folder, tmp_path):
     """From one command's file to the other's network, in half precision; another size is refused."""
     output, settings = tmp_path / "prior.safetensors", material_prior.PriorConfig(views=1, held_out=2)
     meshes = sorted(folder.glob("*/mesh.npz"))
-    encoder = material_prior.fit(
-        meshes, tmp_path / "surfaces", NOTHING_STORED, ENCODER, output, TrainerConfig(minutes=1e-9), settings=settings
-    )
-    model = InstantAlbedo(TINY)
-    Starts(material_prior=output).give_to(model)
+    scenes = material_prior.Scenes(meshes, tmp_path / "surfaces", NOTHING_STORED)
+    encoder = material_prior.fit(ENCODER, scenes, output, TrainerConfig(minutes=1e-9), settings)
+    model = Start(TINY, material_prior=output).network()
     for key, value in encoder.state_dict().items():
         assert torch.equal(model.encoder.state_dict()[key], value.half().float())
     assert checkpoints.read_header(output)["labels"].split(", ") == list(LABELS)
-    wider = InstantAlbedo(replace(TINY, encoder=replace(ENCODER, channels=12)))
+    wider = replace(TINY, encoder=replace(ENCODER, channels=12))
     with pytest.raises(CheckpointError, match="prior.safetensors"):
-        Starts(material_prior=output).give_to(wider)
-    for ablation in ("no-material-prior", "random-material-prior"):
-        with pytest.raises(ArmError, match=f"{ablation} takes no --material-prior"):
-            Starts(material_prior=output).give_to(InstantAlbedo(TINY.ablated(ablation)))
+        Start(wider, material_prior=output).network()
 
 
 def test_a_share_of_the_samples_is_rasterised_and_held_out_objects_are_not(source, tmp_path, monkeypatch):
@@ -210,11 +205,11 @@ def test_a_share_of_the_samples_is_rasterised_and_held_out_objects_are_not(sourc
         )
     draw = RasterizedAtlases.draw
     monkeypatch.setattr(RasterizedAtlases, "draw", lambda self, random: drawn.append(self.meshes) or draw(self, random))
-    output, settings = tmp_path / "x.safetensors", instant_albedo.FitConfig(views=2, held_out=2, rasterized=1.0)
+    output, settings = tmp_path / "x.safetensors", instant_albedo.FitConfig(views=2)
     config = TrainerConfig(minutes=1e-9)
-    ablated = TINY.ablated("random-material-prior")
-    instant_albedo.fit(samples, ablated, output, config, settings=settings, rasterized=source)
+    whole = instant_albedo.Samples(samples, held_out=2, rasterized=source, share=1.0)
+    instant_albedo.fit(Start(TINY), whole, output, config, settings)
     assert [[path.parent.name for path in meshes] for meshes in drawn] == [["cube"]]
     header = checkpoints.read_header(output)
     assert (header["rasterized_share"], header["material_prior"], header["samples"]) == ("1.0", "random", "1")
-    assert checkpoints.load(output, InstantAlbedoConfig)[0] == ablated
+    assert checkpoints.load(output, InstantAlbedoConfig)[0] == TINY

@@ -10,10 +10,9 @@ from torch.nn import functional
 
 from arm_blender.graphics.light.spherical_harmonics import COUNT, WHITE, gathered
 from arm_blender.models.paper.georm import GeoRM
-from arm_blender.models.paper.instant_albedo import SMALL as SMALL_ALBEDO
-from arm_blender.models.paper.instant_albedo import InstantAlbedo
 from arm_blender.models.paper.reconstruction import SMALL
 from arm_blender.models.small.delighting import REFLECTED, Delighting, DelightingConfig, SeenPoints
+from arm_blender.models.small.instant_albedo import SMALL as SMALL_ALBEDO
 from arm_blender.weight_files import checkpoints
 from training import __main__ as command
 from training.datasets import delighting_samples
@@ -31,7 +30,7 @@ from training.datasets.delighting_samples import DelightingSample, carried
 from training.rasterized.pictures import Library
 from training.rendering import shards
 from training.stages.delighting import delighting_loss, validate
-from training.stages.instant_albedo_start import Starts
+from training.stages.instant_albedo_start import Start
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -168,8 +167,7 @@ def test_the_command_leaves_weights_that_instant_albedo_takes_in(ball_shards, ge
     assert len(list(cache.glob("*.npz"))) == 2 * len(shards.rigs(ball_shards))
     header = checkpoints.read_header(output)
     assert header["name"] == "delighting" and header["steps"] == "2"
-    model = InstantAlbedo(SMALL_ALBEDO)
-    Starts(delighting=output).give_to(model)
+    model = Start(SMALL_ALBEDO, delighting=output).network()
     for key, value in checkpoints.load(output, DelightingConfig)[1].items():
         assert torch.equal(model.delighting.state_dict()[key], value)
     assert not any(parameter.requires_grad for parameter in model.delighting.parameters())

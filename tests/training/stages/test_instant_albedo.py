@@ -14,7 +14,7 @@ from arm_blender.graphics.color import linear_from_srgb, srgb_from_linear
 from arm_blender.graphics.raster.rasterize import interpolate, rasterize
 from arm_blender.models.ffc import FfcConfig
 from arm_blender.models.material_encoder import MaterialEncoderConfig
-from arm_blender.models.paper.instant_albedo import InstantAlbedo, InstantAlbedoConfig
+from arm_blender.models.small.instant_albedo import InstantAlbedo, InstantAlbedoConfig
 from arm_blender.models.unet import UnetConfig
 from arm_blender.models.vit import VitConfig
 from arm_blender.structures import UvMesh
@@ -31,7 +31,6 @@ TINY = InstantAlbedoConfig(
     unet=UnetConfig((8, 8), 8, 2),
     ffc=FfcConfig(8, 2, 1),
     resolution=32,
-    residual=True,
 )
 
 
@@ -196,8 +195,8 @@ def test_all_rigs_of_an_object_fall_on_one_side(tmp_path):
 def test_a_few_steps_beat_the_blend_on_another_object(cache):
     """The light is half as bright as the albedo everywhere: the correction is learned in no time."""
     torch.manual_seed(0)
-    model, settings = InstantAlbedo(TINY), stage.FitConfig(views=3, held_out=3)
-    training, held_out = stage.split(atlases.files(cache), settings.held_out)
+    model, settings = InstantAlbedo(TINY), stage.FitConfig(views=3)
+    training, held_out = stage.split(atlases.files(cache), 3)
     optimizer = torch.optim.Adam(model.parameters(), 5e-3)
     untrained = stage.validate(model, held_out, settings)
     assert untrained["albedo"] == pytest.approx(untrained["blend as albedo"])
@@ -215,8 +214,8 @@ def test_a_few_steps_beat_the_blend_on_another_object(cache):
 def test_fit_writes_weights_that_load(cache, tmp_path):
     """Without time the untrained network is written: whole, in half precision, and it still returns the blend."""
     output = tmp_path / "new" / "small.instant_albedo.safetensors"
-    settings = stage.FitConfig(held_out=3)
-    stage.fit(cache, TINY, output, TrainerConfig(minutes=0.0), settings=settings)
+    settings = stage.FitConfig()
+    stage.fit(stage.Start(TINY), stage.Samples(cache, held_out=3), output, TrainerConfig(minutes=0.0), settings)
     config, state = checkpoints.load(output, InstantAlbedoConfig)
     assert config == TINY
     model = InstantAlbedo(config)
@@ -227,7 +226,7 @@ def test_fit_writes_weights_that_load(cache, tmp_path):
 
 def test_nothing_to_fit_is_said(tmp_path):
     with pytest.raises(ArmError, match="no samples; give --shards"):
-        stage.fit(tmp_path, TINY, tmp_path / "x.safetensors", TrainerConfig(minutes=0.0))
+        stage.fit(stage.Start(TINY), stage.Samples(tmp_path), tmp_path / "x.safetensors", TrainerConfig(minutes=0.0))
 
 
 def test_unwrapped_shards_are_prepared_once(tmp_path):

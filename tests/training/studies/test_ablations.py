@@ -1,17 +1,17 @@
 """The paper's ablations: each is built, takes a step, and is told apart by its checkpoint."""
 
 from dataclasses import replace
-from typing import get_args
 
 import pytest
 import torch
 
+from arm_blender import networks
 from arm_blender.errors import CheckpointError
-from arm_blender.machine.config_json import config_from_dict
 from arm_blender.models.atlas_cells import surface_cells
+from arm_blender.models.atlas_network import AtlasNetwork
 from arm_blender.models.ffc import FfcConfig, FfcGenerator
 from arm_blender.models.material_encoder import MaterialEncoderConfig
-from arm_blender.models.paper.instant_albedo import Ablation, InstantAlbedo, InstantAlbedoConfig
+from arm_blender.models.small.instant_albedo import InstantAlbedoConfig
 from arm_blender.models.unet import Unet, UnetConfig
 from arm_blender.models.vit import VitConfig
 from arm_blender.structures import TexelMap, TexelViews
@@ -20,14 +20,14 @@ from training.__main__ import main
 from training.datasets.atlas_lookup import AtlasLookup
 from training.datasets.atlases import Atlas
 from training.stages.instant_albedo import FitConfig, sample_loss
+from training.studies.ablated_albedo import ABLATIONS, WHOLE, without
 
-ABLATIONS = get_args(Ablation)
+ALL = (WHOLE, *ABLATIONS)
 TINY = InstantAlbedoConfig(
     MaterialEncoderConfig(VitConfig(8, 16, 4, 2, 2, 4), (0, 1, 2, 3), 32, 8, 4),
     UnetConfig((8, 8), 8, 2),
     FfcConfig(8, 2, 1),
     resolution=16,
-    residual=True,
 )
 SIDE, PIXELS, VIEWS = 32, 24, 3
 
@@ -62,18 +62,17 @@ def sample() -> Atlas:
         lookup,
         rand(*truth),
         rand(*truth),
-        rand(VIEWS, 2, PIXELS, PIXELS),
     )
 
 
-def built(ablation: Ablation) -> InstantAlbedo:
+def built(ablation: str) -> AtlasNetwork:
     torch.manual_seed(0)
-    model = InstantAlbedo(TINY.ablated(ablation))
+    model = networks.build("instant_albedo", without(TINY, ablation))
     torch.nn.init.normal_(model.ffc.last.weight, std=0.05)
     return model
 
 
-@pytest.mark.parametrize("ablation", ABLATIONS)
+@pytest.mark.parametrize("ablation", ALL)
 def test_a_step_lowers_the_loss_and_the_checkpoint_says_which(sample, ablation, tmp_path):
     model = built(ablation)
     optimizer = torch.optim.Adam(model.parameters(), 2e-3)
@@ -89,21 +88,22 @@ def test_a_step_lowers_the_loss_and_the_checkpoint_says_which(sample, ablation, 
     assert losses[-1] < losses[0]
     path = tmp_path / "x.safetensors"
     checkpoints.save(path, model.state_dict(), model.config, "instant_albedo")
-    config, state = checkpoints.load(path, InstantAlbedoConfig)
-    assert config == model.config and config.ablation == ablation
-    checkpoints.restore(InstantAlbedo(config), state, path)
-    if ablation not in ("none", "random-material-prior", "no-super-resolution"):
-        with pytest.raises(CheckpointError, match="made for another model"):
-            checkpoints.restore(InstantAlbedo(replace(TINY, residual=config.residual)), state, path)
+    config, state = checkpoints.load(path, *networks.NETWORKS["instant_albedo"])
+    assert config == model.config and config == without(TINY, ablation)
+    checkpoints.restore(networks.build("instant_albedo", config), state, path)
+    if ablation != WHOLE:
+        assert config.ablation == ablation
+        with pytest.raises(CheckpointError, match="AblatedConfig"):
+            checkpoints.load(path, InstantAlbedoConfig)
 
 
-def outputs(model: InstantAlbedo, sample: Atlas, **changed) -> torch.Tensor:
+def outputs(model: AtlasNetwork, sample: Atlas, **changed) -> torch.Tensor:
     sample = replace(sample, **changed)
     with torch.no_grad():
         return torch.cat(model(sample.images, sample.texels, sample.seen, sample.base))
 
 
-@pytest.mark.parametrize("ablation", ABLATIONS)
+@pytest.mark.parametrize("ablation", ALL)
 def test_what_is_left_out_is_not_seen(sample, ablation):
     """Other colours on the atlas, other pictures, another blend: the output changes with what is not left out."""
     model = built(ablation)
@@ -112,11 +112,11 @@ def test_what_is_left_out_is_not_seen(sample, ablation):
     repainted = outputs(model, sample, images=1.0 - sample.images)
     rebased = outputs(model, sample, base=0.5 * sample.base)
     assert torch.equal(before, recolored) == (ablation == "no-measurements")
-    assert torch.equal(before, repainted) == (ablation == "no-material-prior")
+    assert torch.equal(before, repainted) == (ablation == "no-material-encoder")
     assert torch.equal(before, rebased) == (ablation in ("no-measurements", "no-super-resolution"))
 
 
-@pytest.mark.parametrize("ablation", ABLATIONS)
+@pytest.mark.parametrize("ablation", ALL)
 def test_views_are_fused_where_they_see(sample, ablation):
     model = built(ablation)
     hidden = torch.zeros_like(sample.texels.mask)
@@ -129,29 +129,10 @@ def test_views_are_fused_where_they_see(sample, ablation):
 
 
 def test_the_local_network_has_no_spectral_branch():
-    assert isinstance(built("none").ffc, FfcGenerator)
+    assert isinstance(built(WHOLE).ffc, FfcGenerator)
     local = built("local-unet")
     assert isinstance(local.ffc, Unet)
     assert not any("Fourier" in type(part).__name__ for part in local.modules())
-
-
-def test_only_unified_prediction_has_roughness_and_metallic(sample):
-    for ablation in ABLATIONS:
-        with torch.no_grad():
-            *_, gloss = built(ablation).predict(sample.images, sample.texels, sample.seen, sample.base)
-        assert (gloss is not None) == (ablation == "unified-material")
-    unified = built("unified-material")
-    loss, _ = sample_loss(unified, sample, FitConfig(), torch.Generator().manual_seed(0))
-    other = replace(sample, gloss=1.0 - sample.gloss)
-    assert loss != sample_loss(unified, other, FitConfig(), torch.Generator().manual_seed(0))[0]
-
-
-def test_a_checkpoint_from_before_has_no_ablation():
-    assert config_from_dict(InstantAlbedoConfig, {"residual": True}).ablation == "none"
-    with pytest.raises(ValueError, match="ablation"):
-        config_from_dict(InstantAlbedoConfig, {"ablation": "no-network"})
-    with pytest.raises(ValueError, match="residual must be off"):
-        replace(TINY, ablation="no-measurements")
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,10 @@
 """`python -m training ablations`: what it fits, what it keeps, and what its tables say."""
 
 import json
-from typing import get_args
 
 import pytest
 
 from arm_blender import pipeline
-from arm_blender.models.paper.instant_albedo import Ablation
 from arm_blender.report import Report
 from arm_blender.structures import MaterialMaps, RelightableAsset
 from training.__main__ import main
@@ -14,7 +12,8 @@ from training.evaluation.scores.alignment import AlignmentConfig
 from training.evaluation.trials.trial import Trial
 from training.evaluation.truth.protocol import Protocol
 from training.run_record import RunRecord
-from training.studies import ablations
+from training.studies import ablated_albedo, ablations
+from training.studies.ablated_albedo import ABLATIONS
 from training.studies.ablations import ALBEDO, SHAPE, STUDIES, WHOLE
 
 
@@ -22,18 +21,25 @@ from training.studies.ablations import ALBEDO, SHAPE, STUDIES, WHOLE
 def fits(monkeypatch) -> list:
     """The arguments of every fit, which leaves an empty file of weights."""
     asked = []
-    for study in (ALBEDO, SHAPE):
 
-        def run(args) -> int:
-            asked.append(args)
-            args.output.parent.mkdir(parents=True)
-            args.output.touch()
-            numbers = {"albedo": 14.0, "blend as albedo": 13.0, "iou": 0.6, "hull iou": 0.5}
-            for step in (1, args.steps):
-                RunRecord.beside(args.output, {}).scalars(step, "validation", {k: step * v for k, v in numbers.items()})
-            return 0
+    def leave(output, steps: int) -> None:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        output.touch()
+        numbers = {"albedo": 14.0, "blend as albedo": 13.0, "iou": 0.6, "hull iou": 0.5}
+        for step in (1, steps):
+            RunRecord.beside(output, {}).scalars(step, "validation", {k: step * v for k, v in numbers.items()})
 
-        monkeypatch.setattr(study.stage, "run", run)
+    def fit(start, samples, output, config, settings, record) -> None:
+        asked.append((start, samples, config, settings))
+        leave(output, config.steps)
+
+    def run(args) -> int:
+        asked.append(args)
+        leave(args.output, args.steps)
+        return 0
+
+    monkeypatch.setattr(ablated_albedo.instant_albedo, "fit", fit)
+    monkeypatch.setattr(SHAPE.stage, "run", run)
     return asked
 
 
@@ -69,12 +75,12 @@ def command(ball_data, ball_asset, fits, monkeypatch):
 def test_all_are_fitted_alike_once(command, fits, ball_data, capsys):
     assert main(command) == 0
     albedo, shape = fits[: len(ALBEDO.rows)], fits[len(ALBEDO.rows) :]
-    assert [args.ablation for args in albedo] == list(ALBEDO.rows)
+    assert [getattr(start.config, "ablation", WHOLE) for start, *_ in albedo] == list(ALBEDO.rows)
     assert [args.no_pixel_aligned for args in shape] == [False, True]
-    for fit in (albedo, shape):
-        alike = [{k: v for k, v in vars(a).items() if k not in ("output", "ablation", "no_pixel_aligned")} for a in fit]
-        assert all(arguments == alike[0] for arguments in alike)
-    assert {args.steps for args in albedo} == {3} and {args.steps for args in shape} == {2}
+    alike = [{k: v for k, v in vars(a).items() if k not in ("output", "no_pixel_aligned")} for a in shape]
+    assert all(arguments == alike[0] for arguments in alike)
+    assert all(arguments[1:] == albedo[0][1:] for arguments in albedo)
+    assert {config.steps for _, _, config, _ in albedo} == {3} and {args.steps for args in shape} == {2}
     fits.clear()
     assert main(command) == 0 and fits == []  # Nothing is left to do.
     assert main([*command, "--steps", "4"]) == 0
@@ -124,6 +130,5 @@ def test_a_fit_that_leaves_no_weights_is_an_error(command, monkeypatch, capsys, 
     assert not (tmp_path / "out" / "georm.md").exists()
 
 
-def test_every_ablation_of_the_network_has_a_row_but_the_random_prior():
-    """Which is what the others begin with, for no trained one is at hand."""
-    assert set(get_args(Ablation)) - set(ALBEDO.rows) == {"random-material-prior"}
+def test_every_ablation_of_the_network_has_a_row():
+    assert {WHOLE, *ABLATIONS} == set(ALBEDO.rows)

@@ -1,23 +1,26 @@
-"""InstantAlbedo's laws: an untrained residual network returns the blend, views have no order, gaps reach no chart."""
+"""Laws of both InstantAlbedos: untrained, ours returns the blend; views have no order, gaps reach no chart."""
 
 from dataclasses import replace
 
 import pytest
 import torch
 
+from arm_blender.models.atlas_network import AtlasNetwork, AtlasNetworkConfig
 from arm_blender.models.ffc import FfcConfig
 from arm_blender.models.material_encoder import MaterialEncoderConfig
-from arm_blender.models.paper.instant_albedo import PAPER, SMALL, InstantAlbedo, InstantAlbedoConfig
+from arm_blender.models.paper.instant_albedo import PAPER
+from arm_blender.models.small.instant_albedo import SMALL, InstantAlbedo, InstantAlbedoConfig
 from arm_blender.models.unet import UnetConfig
 from arm_blender.models.vit import VitConfig
+from arm_blender.networks import build
 from arm_blender.structures import TexelMap, TexelViews
 
-TINY = InstantAlbedoConfig(
+TINY = AtlasNetworkConfig(
     encoder=MaterialEncoderConfig(VitConfig(8, 16, 4, 2, 2, 4), (0, 1, 2, 3), 32, 8, 4),
     unet=UnetConfig((8, 8), 8),
     ffc=FfcConfig(8, 2, 1),
 )
-RESIDUAL = replace(TINY, unet=UnetConfig((8, 8), 8, stem_stride=2), residual=True, resolution=16)
+RESIDUAL = InstantAlbedoConfig(TINY.encoder, UnetConfig((8, 8), 8, stem_stride=2), TINY.ffc, resolution=16)
 
 
 def atlas(side: int, views: int = 3, seed: int = 0):
@@ -42,9 +45,9 @@ def atlas(side: int, views: int = 3, seed: int = 0):
     return rand(views, 4, 40, 40), TexelMap(position, normal, mask), seen, rand(3, side, side)
 
 
-def randomised(config: InstantAlbedoConfig) -> InstantAlbedo:
+def randomised(config: AtlasNetworkConfig) -> AtlasNetwork:
     torch.manual_seed(0)
-    model = InstantAlbedo(config)
+    model = build("instant_albedo", config)
     torch.nn.init.normal_(model.ffc.last.weight, std=0.05)
     return model
 
@@ -162,6 +165,6 @@ def test_wrong_shapes_are_named():
 
 def test_presets_construct_without_memory():
     with torch.device("meta"):
-        sizes = [sum(p.numel() for p in InstantAlbedo(config).parameters()) for config in (PAPER, SMALL)]
+        sizes = [sum(p.numel() for p in build("instant_albedo", config).parameters()) for config in (PAPER, SMALL)]
     assert 100e6 < sizes[0] < 130e6  # ViT-B (86 million), its cascade, LaMa's generator (14 million), the U-Net.
     assert sizes[1] < 1.5e6
