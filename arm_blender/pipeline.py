@@ -230,8 +230,8 @@ def paint(
 
 def gloss(
     mesh: UvMesh, views: ViewSet, texels: TexelMap, settings: Settings, report: Report, progress: Progress
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Roughness and metallic (1, T, T), decoded at the texels; small where the map is one value."""
+) -> tuple[torch.Tensor | float, ...]:
+    """Roughness and metallic, decoded at the texels: (1, T, T), or a value where the map is one."""
     network, encoded = _encoded("glossyrm", views, settings, report, part(progress, 0.0, 0.7))
     if len(texels.mask) > GLOSSY_TEXELS:
         texels = texel_map(mesh, GLOSSY_TEXELS)
@@ -246,16 +246,15 @@ def gloss(
     return _gloss_maps(glossy, texels.mask, report)
 
 
-def _gloss_maps(glossy: torch.Tensor, mask: torch.Tensor, report: Report) -> tuple[torch.Tensor, torch.Tensor]:
-    """Roughness and metallic (1, T, T) of `glossy` (2, T, T), padded beyond the mask (T, T); small where one value."""
-    result = []
+def _gloss_maps(glossy: torch.Tensor, mask: torch.Tensor, report: Report) -> tuple[torch.Tensor | float, ...]:
+    """Roughness and metallic of `glossy` (2, T, T), padded beyond the mask (T, T), or a value where the map is one."""
+    result: list[torch.Tensor | float] = []
     for name, image in zip(("roughness", "metallic"), maps.pad(glossy, mask).split(1), strict=True):
         constant = maps.constant_value(image, mask, CONSTANT_TOLERANCE)
         if constant is not None:
             report.leave_out(f"{name} texture", f"it is {constant:.2f} everywhere")
-            image = image.new_full((1, maps.CONSTANT_SIDE, maps.CONSTANT_SIDE), constant)
-        result.append(image)
-    return result[0], result[1]
+        result.append(image if constant is None else constant)
+    return tuple(result)
 
 
 def _require_numbers(finite: bool, network: str, views: ViewSet, settings: Settings) -> None:

@@ -156,25 +156,34 @@ class TexelViews:
         return TexelViews(*(getattr(self, field.name)[views] for field in fields(self)))
 
 
+VALUE_SIDE = 4
+"""Texels a side of a map that is one value, where it has to be an image."""
+
+
 @dataclass(frozen=True)
 class MaterialMaps:
     """Maps of one atlas; row 0 is v = 1. Gaps between charts are padded with the nearest covered texel.
 
-    Albedo and baked colour have T texels a side; roughness and metallic may have fewer, 4 where they are one value.
+    Albedo and baked colour have T texels a side; roughness and metallic may have fewer, or be one value.
 
     Attributes:
         albedo: (3, T, T) linear Rec.709 in [0, 1]; the base colour, not multiplied by (1 - metallic).
         baked: (3, T, T) linear Rec.709 in [0, 1]: colour with the lighting of the views in it.
-        roughness: (1, T, T) in [0, 1], perceptual (alpha = roughness**2).
-        metallic: (1, T, T) in [0, 1].
+        roughness: (1, T, T) in [0, 1], perceptual (alpha = roughness**2), or the one value of all texels.
+        metallic: (1, T, T) in [0, 1], or the one value.
         normal: (3, T, T) unit vectors in tangent space (`uv.normal_map`); None where the mesh's own will do.
     """
 
     albedo: Tensor
     baked: Tensor
-    roughness: Tensor
-    metallic: Tensor
+    roughness: Tensor | float
+    metallic: Tensor | float
     normal: Tensor | None = None
+
+    def image(self, name: str, side: int = VALUE_SIDE) -> Tensor:
+        """(C, T, T) of the map of that name; one that is a value is spread out over `side` texels a side."""
+        texels = getattr(self, name)
+        return self.albedo.new_full((1, side, side), texels) if isinstance(texels, float) else texels
 
 
 @dataclass(frozen=True)
@@ -193,9 +202,9 @@ class RelightableAsset:
 
     def to(self, device: torch.device | str) -> "RelightableAsset":
         """The same on another device."""
-        maps = self.maps
-        images = (None if t is None else t.to(device) for t in (getattr(maps, f.name) for f in fields(maps)))
-        return RelightableAsset(self.name, self.mesh.to(device), MaterialMaps(*images))
+        maps = (getattr(self.maps, field.name) for field in fields(self.maps))
+        moved = (entry.to(device) if isinstance(entry, Tensor) else entry for entry in maps)
+        return RelightableAsset(self.name, self.mesh.to(device), MaterialMaps(*moved))
 
 
 def stack_cameras(cameras: tuple[Camera, ...]) -> tuple[Tensor, Tensor]:

@@ -53,7 +53,7 @@ def test_extreme_views_become_an_asset_of_numbers(views, monkeypatch):
         monkeypatch.setattr(silhouette_fill, name, value)
     asset, _ = pipeline.generate(views, QUICK)
     maps = asset.maps
-    for image in (maps.albedo, maps.baked, maps.roughness, maps.metallic):
+    for image in map(maps.image, ("albedo", "baked", "roughness", "metallic")):
         assert bool(((image >= 0.0) & (image <= 1.0)).all())
     assert bool(asset.mesh.vertices.isfinite().all())
     assert bool(((asset.mesh.uvs >= 0.0) & (asset.mesh.uvs <= 1.0)).all())

@@ -72,7 +72,7 @@ def test_random_weights_make_a_whole_asset_that_says_so(views):
     assert asset.name == "barrel-random-weights"
     assert "trained weights" in [note.what for note in report.left_out]
     assert 100 < len(asset.mesh.faces) <= 1000 and report.seen_share > 0.3
-    for image in (asset.maps.albedo, asset.maps.baked, asset.maps.roughness, asset.maps.metallic):
+    for image in map(asset.maps.image, ("albedo", "baked", "roughness", "metallic")):
         assert bool(image.isfinite().all()) and 0.0 <= float(image.min()) <= float(image.max()) <= 1.0
 
 

@@ -53,7 +53,8 @@ def test_the_shape_fills_the_silhouettes(result, views):
 
 def test_the_maps_are_whole_and_in_range(result):
     maps = result[0].maps
-    for image, channels in ((maps.albedo, 3), (maps.baked, 3), (maps.roughness, 1), (maps.metallic, 1)):
+    for name, channels in (("albedo", 3), ("baked", 3), ("roughness", 1), ("metallic", 1)):
+        image = maps.image(name)
         assert image.shape[0] == channels and image.shape[1] == image.shape[2]
         assert bool(image.isfinite().all()) and float(image.min()) >= 0.0 and float(image.max()) <= 1.0
 

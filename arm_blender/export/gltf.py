@@ -12,7 +12,6 @@ from torch import Tensor
 from ..graphics.color import bytes_from_unit, srgb_from_linear
 from ..graphics.meshes import angle_weighted_normals
 from ..structures import MaterialMaps, RelightableAsset, UvMesh
-from ..uv.maps import ONE_STEP, constant_value
 from ..uv.normal_map import unit_from_normals
 
 
@@ -34,7 +33,7 @@ class GltfVertices:
 
 
 def write_glb(asset: RelightableAsset, path: Path) -> None:
-    """A binary glTF 2.0: metallic-roughness material, values where a map is constant; Y up, as the format demands."""
+    """A binary glTF 2.0: metallic-roughness material, values where a map is one; Y up, as the format demands."""
     vertices = gltf_vertices(asset.mesh)
     mesh = trimesh.Trimesh(
         vertices.position,
@@ -68,20 +67,19 @@ def gltf_from_world(vectors: Tensor) -> Tensor:
 
 
 def _material(name: str, maps: MaterialMaps) -> trimesh.visual.material.PBRMaterial:
-    roughness, metallic = (constant_value(image, None, ONE_STEP) for image in (maps.roughness, maps.metallic))
     texture = None
-    if roughness is None or metallic is None:
-        size = max(maps.roughness.shape[-1], maps.metallic.shape[-1])
+    sizes = [image.shape[-1] for image in (maps.roughness, maps.metallic) if isinstance(image, Tensor)]
+    if sizes:
+        roughness, metallic = (_sized(maps.image(name, max(sizes)), max(sizes)) for name in ("roughness", "metallic"))
         # Red would be occlusion, if the material declared one: 1 is none.
-        channels = torch.ones(1, size, size), _sized(maps.roughness, size), _sized(maps.metallic, size)
-        texture = _picture(torch.cat(channels))
+        texture = _picture(torch.cat([torch.ones_like(roughness), roughness, metallic]))
     return trimesh.visual.material.PBRMaterial(
         name=name,
         baseColorTexture=_picture(srgb_from_linear(maps.albedo)),
         baseColorFactor=[255, 255, 255, 255],
         metallicRoughnessTexture=texture,
-        roughnessFactor=1.0 if texture is not None else roughness,
-        metallicFactor=1.0 if texture is not None else metallic,
+        roughnessFactor=1.0 if texture is not None else maps.roughness,
+        metallicFactor=1.0 if texture is not None else maps.metallic,
         normalTexture=None if maps.normal is None else _picture(unit_from_normals(maps.normal)),
         # A mesh of the user's own may be open: its inside is then no hole.
         doubleSided=True,
@@ -89,7 +87,7 @@ def _material(name: str, maps: MaterialMaps) -> trimesh.visual.material.PBRMater
 
 
 def _sized(image: Tensor, size: int) -> Tensor:
-    """(1, size, size) on the CPU: a map as it is, or a constant one spread out."""
+    """(1, size, size) on the CPU: a map as it is, or a smaller one enlarged."""
     if image.shape[-1] == size:
         return image.cpu()
     return torch.nn.functional.interpolate(image.cpu()[None], size=(size, size), mode="bilinear")[0]

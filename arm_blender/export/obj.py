@@ -11,7 +11,6 @@ import numpy as np
 
 from ..graphics.meshes import angle_weighted_normals
 from ..structures import MaterialMaps, RelightableAsset
-from ..uv.maps import ONE_STEP, constant_value
 from .gltf import gltf_from_world
 from .textures import FOLDER
 
@@ -44,8 +43,8 @@ def write_obj(asset: RelightableAsset, path: Path) -> None:
 def _material(maps: MaterialMaps) -> str:
     lines = [f"newmtl {MATERIAL}", "Kd 1 1 1", f"map_Kd {FOLDER}/albedo.png"]
     for key, name in (("Pr", "roughness"), ("Pm", "metallic")):
-        value = constant_value(getattr(maps, name), None, ONE_STEP)
-        lines.append(f"map_{key} {FOLDER}/{name}.png" if value is None else f"{key} {value:.6g}")
+        value = getattr(maps, name)
+        lines.append(f"{key} {value:.6g}" if isinstance(value, float) else f"map_{key} {FOLDER}/{name}.png")
     if maps.normal is not None:
         lines += [f"norm {FOLDER}/normal.png", f"map_Bump -bm 1 {FOLDER}/normal.png"]
     return "\n".join([*lines, ""])

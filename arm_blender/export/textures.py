@@ -2,10 +2,7 @@
 
 from pathlib import Path
 
-from torch import Tensor
-
 from ..structures import MaterialMaps
-from ..uv.maps import CONSTANT_SIDE, ONE_STEP, constant_value
 from ..uv.normal_map import unit_from_normals
 from ..views.image_io import write_png
 
@@ -16,7 +13,7 @@ FOLDER = "textures"
 def write_textures(maps: MaterialMaps, folder: Path) -> None:
     """`albedo.png`, `roughness.png`, `metallic.png`, `baked.png`, and `normal.png` where there is detail to tell.
 
-    A map that is one value is written small.
+    A map that is one value is written as a small picture.
 
     Args:
         maps: to write.
@@ -25,15 +22,7 @@ def write_textures(maps: MaterialMaps, folder: Path) -> None:
         OutputError: a file cannot be written.
     """
     folder.mkdir(exist_ok=True)
-    pictures: dict[str, tuple[Tensor, bool]] = {
-        "albedo": (maps.albedo, True),
-        "roughness": (maps.roughness, False),
-        "metallic": (maps.metallic, False),
-        "baked": (maps.baked, True),
-    }
+    for name, srgb in (("albedo", True), ("roughness", False), ("metallic", False), ("baked", True)):
+        write_png(folder / f"{name}.png", maps.image(name), srgb)
     if maps.normal is not None:
-        pictures["normal"] = unit_from_normals(maps.normal), False
-    for name, (image, srgb) in pictures.items():
-        if all(constant_value(channel[None], None, ONE_STEP) is not None for channel in image):
-            image = image[:, :CONSTANT_SIDE, :CONSTANT_SIDE]
-        write_png(folder / f"{name}.png", image, srgb)
+        write_png(folder / "normal.png", unit_from_normals(maps.normal), srgb=False)

@@ -12,7 +12,6 @@ import numpy as np
 
 from ..graphics.meshes import angle_weighted_normals
 from ..structures import MaterialMaps, RelightableAsset, UvMesh
-from ..uv.maps import ONE_STEP, constant_value
 from .textures import FOLDER
 
 ALIGNMENT = 64
@@ -117,8 +116,8 @@ def _material(name: str, maps: MaterialMaps) -> str:
     inputs, shaders = [f"color3f inputs:diffuseColor.connect = </{name}/material/albedo.outputs:rgb>"], []
     shaders.append(_texture(name, "albedo", "sRGB", "float3", "rgb"))
     for channel in ("roughness", "metallic"):
-        value = constant_value(getattr(maps, channel), None, ONE_STEP)
-        if value is not None:
+        value = getattr(maps, channel)
+        if isinstance(value, float):
             inputs.append(f"float inputs:{channel} = {value:.6g}")
             continue
         inputs.append(f"float inputs:{channel}.connect = </{name}/material/{channel}.outputs:r>")
@@ -156,7 +155,7 @@ def _texture(name: str, map_name: str, space: str, kind: str, channel: str, furt
 
 def _textures(maps: MaterialMaps) -> list[str]:
     """The names of the textures that the material reads."""
-    read = [name for name in ("roughness", "metallic") if constant_value(getattr(maps, name), None, ONE_STEP) is None]
+    read = [name for name in ("roughness", "metallic") if not isinstance(getattr(maps, name), float)]
     return ["albedo", *read, *([] if maps.normal is None else ["normal"])]
 
 

@@ -6,9 +6,6 @@ from torch.nn import functional
 
 from ..structures import TexelMap
 
-CONSTANT_SIDE = 4  # Texels a side of a map that is one value.
-ONE_STEP = 0.5 / 255.0  # Tolerance for `constant_value`: a map that varies by one step of its 8-bit file at most.
-
 FILL_RESOLUTION = 64  # Cells a side of the grid in which seen colours spread to unseen texels.
 ENOUGH = 1.0  # Seen texels around a point before their mean stands without that of the coarser level.
 
@@ -65,15 +62,15 @@ def diffuse_fill(color: Tensor, known: Tensor, texels: TexelMap) -> Tensor:
     return result
 
 
-def constant_value(image: Tensor, mask: Tensor | None, tolerance: float) -> float | None:
+def constant_value(image: Tensor, mask: Tensor, tolerance: float) -> float | None:
     """The one value of a map, or None where covered texels differ by more than `tolerance` from it.
 
     Args:
         image: (1, T, T).
-        mask: (T, T) bool, the texels that count; None for all.
+        mask: (T, T) bool, the texels that count.
         tolerance: half the range that still counts as one value.
     """
-    values = image[0] if mask is None else image[0][mask]
+    values = image[0][mask]
     if values.numel() == 0 or not torch.isfinite(values).all():
         return None
     low, high = values.aminmax()

@@ -32,7 +32,7 @@ def noisy_maps(size: int) -> MaterialMaps:
 
 def plain_maps(albedo: tuple[float, float, float], roughness: float, metallic: float) -> MaterialMaps:
     color = torch.tensor(albedo)[:, None, None].expand(3, 4, 4).contiguous()
-    return MaterialMaps(color, color, torch.full((1, 4, 4), roughness), torch.full((1, 4, 4), metallic))
+    return MaterialMaps(color, color, roughness, metallic)
 
 
 @pytest.fixture

@@ -34,7 +34,7 @@ def mesh() -> UvMesh:
 def asset(mesh) -> RelightableAsset:
     generator = torch.Generator().manual_seed(0)
     maps = [torch.rand(channels, T, T, generator=generator) for channels in (3, 3, 1)]
-    return RelightableAsset("cup", mesh, MaterialMaps(*maps, metallic=torch.full((1, 4, 4), 0.2)))
+    return RelightableAsset("cup", mesh, MaterialMaps(*maps, metallic=0.2))
 
 
 def written(asset, tmp_path, **options):
@@ -83,7 +83,7 @@ def test_the_glb_holds_the_maps(asset, tmp_path):
 
 
 def test_two_constant_maps_become_values(asset, mesh, tmp_path):
-    maps = MaterialMaps(asset.maps.albedo, asset.maps.baked, torch.full((1, T, T), 0.6), torch.zeros(1, 4, 4))
+    maps = MaterialMaps(asset.maps.albedo, asset.maps.baked, 0.6, 0.0)
     write_glb(RelightableAsset("cup", mesh, maps), tmp_path / "cup.glb")
     material = read_glb(tmp_path / "cup.glb").visual.material
     assert material.metallicRoughnessTexture is None

@@ -34,7 +34,7 @@ def asset() -> RelightableAsset:
     normal = functional.normalize(
         torch.rand(3, T, T, generator=generator) + torch.tensor([-0.5, -0.5, 1])[:, None, None], dim=0
     )
-    return RelightableAsset(NAME, mesh, MaterialMaps(albedo, baked, roughness, torch.full((1, 4, 4), 0.2), normal))
+    return RelightableAsset(NAME, mesh, MaterialMaps(albedo, baked, roughness, 0.2, normal))
 
 
 @pytest.fixture

@@ -111,7 +111,7 @@ def test_constant_maps_are_found_within_the_tolerance() -> None:
     image[0, mask] = torch.linspace(0.48, 0.52, int(mask.sum()))
     assert constant_value(image, mask, 0.021) == pytest.approx(0.5)
     assert constant_value(image, mask, 0.019) is None
-    assert constant_value(image, None, 0.021) is None
-    assert constant_value(torch.full((1, 4, 4), 0.25), None, 0.0) == 0.25
+    assert constant_value(image, torch.ones_like(mask), 0.021) is None
+    assert constant_value(torch.full((1, 4, 4), 0.25), torch.ones(4, 4, dtype=torch.bool), 0.0) == 0.25
     assert constant_value(image, torch.zeros_like(mask), 1.0) is None
-    assert constant_value(torch.full((1, 4, 4), torch.nan), None, 1.0) is None
+    assert constant_value(torch.full((1, 4, 4), torch.nan), torch.ones(4, 4, dtype=torch.bool), 1.0) is None

@@ -124,7 +124,7 @@ def ours(subject: Subject, finish: MaterialMaps, radiance: Tensor, camera: Camer
     normal = F.normalize(interpolate(vertex_normals(mesh.vertices, mesh.faces), mesh.faces, fragments)[:, inside].T)
     uv = interpolate(mesh.uvs, mesh.face_uvs, fragments)[:, inside].T
     grid = torch.stack([2.0 * uv[:, 0] - 1.0, 1.0 - 2.0 * uv[:, 1]], dim=1)[None, None]
-    texture = torch.cat([finish.albedo, finish.roughness, finish.metallic])[None]
+    texture = torch.cat([finish.image(name) for name in ("albedo", "roughness", "metallic")])[None]
     found = F.grid_sample(texture, grid, padding_mode="border", align_corners=False)[0, :, 0].T
     sky, coarse = sky_of(radiance)
     visible = None

@@ -8,7 +8,6 @@ from torch import Tensor
 
 from ...graphics.color import srgb_from_linear
 from ...structures import MaterialMaps
-from ...uv.maps import ONE_STEP, constant_value
 from ...uv.normal_map import unit_from_normals
 from ..compat import shader_tree
 
@@ -51,8 +50,8 @@ def image_from_map(name: str, texels: Tensor, color_space: ColorSpace) -> bpy.ty
 def build_material(name: str, maps: MaterialMaps, normal: bpy.types.Image | None = None) -> bpy.types.Material:
     """One material that shows `maps` under any light.
 
-    Base Color comes from the albedo, Roughness and Metallic from their map or, where that is constant, from a plain
-    value. The baked colour stays at hand as a node that is connected to nothing.
+    Base Color comes from the albedo, Roughness and Metallic from their map or, where that is a value, from the socket.
+    The baked colour stays at hand as a node that is connected to nothing.
 
     Args:
         normal: a normal map that is an image already; it is taken where `maps` have none.
@@ -71,9 +70,8 @@ def build_material(name: str, maps: MaterialMaps, normal: bpy.types.Image | None
     tree.links.new(albedo.outputs["Color"], surface.inputs["Base Color"])
     textures = [albedo]
     for row, (socket, texels) in enumerate((("Roughness", maps.roughness), ("Metallic", maps.metallic)), start=1):
-        value = constant_value(texels, None, ONE_STEP)
-        if value is not None:
-            surface.inputs[socket].default_value = value
+        if isinstance(texels, float):
+            surface.inputs[socket].default_value = texels
             continue
         image = image_from_map(f"{name} {socket.lower()}", texels, "Non-Color")
         texture = _add_texture(tree, image, socket, row)

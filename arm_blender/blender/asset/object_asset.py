@@ -7,8 +7,7 @@ from torch import Tensor
 
 from ...errors import ArmError, EmptyMeshError
 from ...graphics.color import linear_from_srgb
-from ...structures import MaterialMaps, RelightableAsset, UvMesh
-from ...uv.maps import CONSTANT_SIDE
+from ...structures import VALUE_SIDE, MaterialMaps, RelightableAsset, UvMesh
 
 
 def asset_from_object(source: bpy.types.Object) -> RelightableAsset:
@@ -72,18 +71,24 @@ def _maps(source: bpy.types.Object) -> MaterialMaps:
     return MaterialMaps(
         albedo,
         albedo if baked is None else _texels(baked.image, 3),
-        _map(surface, "Roughness", 1),
-        _map(surface, "Metallic", 1),
+        _map_or_value(surface, "Roughness"),
+        _map_or_value(surface, "Metallic"),
         2.0 * _map(surface, "Normal", 3) - 1.0 if surface.inputs["Normal"].is_linked else None,
     )
 
 
+def _map_or_value(surface: bpy.types.Node, socket: str) -> Tensor | float:
+    """(1, T, T) of the image that reaches an input, or its value."""
+    entry = surface.inputs[socket]
+    return _map(surface, socket, 1) if entry.is_linked else float(entry.default_value)
+
+
 def _map(surface: bpy.types.Node, socket: str, channels: int) -> Tensor:
-    """(C, T, T) of the image that reaches an input, or a small one of its value; row 0 is v = 1."""
+    """(C, T, T) of the image that reaches an input, or a small one of its colour; row 0 is v = 1."""
     entry = surface.inputs[socket]
     if not entry.is_linked:
-        values = entry.default_value[:channels] if channels > 1 else [entry.default_value]
-        return torch.tensor(list(values)).view(-1, 1, 1).expand(-1, CONSTANT_SIDE, CONSTANT_SIDE).contiguous()
+        color = torch.tensor(list(entry.default_value[:channels]))
+        return color.view(-1, 1, 1).expand(-1, VALUE_SIDE, VALUE_SIDE).contiguous()
     node = entry.links[0].from_node
     if node.type == "NORMAL_MAP" and node.inputs["Color"].is_linked:
         node = node.inputs["Color"].links[0].from_node

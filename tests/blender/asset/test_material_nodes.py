@@ -63,7 +63,7 @@ def test_every_image_is_packed(maps, empty_file):
 
 
 def test_a_constant_map_becomes_a_value(maps, empty_file):
-    still = MaterialMaps(maps.albedo, maps.baked, torch.full((1, 4, 4), 0.25), maps.metallic)
+    still = MaterialMaps(maps.albedo, maps.baked, 0.25, maps.metallic)
     material = build_material("mug", still)
     assert source(material, "Roughness") is None
     assert material.node_tree.nodes["Principled BSDF"].inputs["Roughness"].default_value == pytest.approx(0.25)

@@ -98,7 +98,7 @@ def test_every_environment_and_turn_gives_a_picture(asset, tmp_path):
 def test_half_a_turn_shows_the_other_side(make_mesh, maps, tmp_path):
     two_sided = maps.albedo.new_zeros(3, 16, 16)
     two_sided[0, :, :8], two_sided[2, :, 8:] = 1.0, 1.0  # One half of the ring is red, the other blue.
-    sides = MaterialMaps(two_sided, maps.baked, maps.roughness * 0 + 1, maps.metallic * 0)
+    sides = MaterialMaps(two_sided, maps.baked, 1.0, 0.0)
     ring = build_object(RelightableAsset("sides", make_mesh(24, 12), sides), {})
     config = RelightConfig(resolution=24, samples=4, turntable=2, azimuth_deg=0.0, elevation_deg=0.0)
     front, back = (pixels(path) for path in relight(ring, ["studio"], tmp_path, config))

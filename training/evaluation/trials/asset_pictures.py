@@ -25,7 +25,7 @@ def map_pictures(asset: RelightableAsset, cameras: Sequence[Camera]) -> Appearan
 
     def values(fragments: Fragments) -> Tensor:
         uv = interpolate(mesh.uvs, mesh.face_uvs, fragments)[:, fragments.mask].T
-        return torch.cat([sample_texture(m, uv) for m in (maps.albedo, maps.roughness, maps.metallic)], dim=1)
+        return torch.cat([sample_texture(maps.image(name), uv) for name in ("albedo", "roughness", "metallic")], dim=1)
 
     return _pictures([_drawn(mesh, camera, values) for camera in cameras], cameras)
 
