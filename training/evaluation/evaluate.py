@@ -7,6 +7,7 @@ as the truth was, and one table says where they stand. With `--views` the shapes
 import argparse
 import logging
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from arm_blender.errors import ArmError
@@ -88,7 +89,8 @@ def run(args: argparse.Namespace) -> int:
             continue
         item = EvaluationObject(entry.name, cache / entry.name)
         truth = read_truth(item, args.data, protocol)
-        result, shown = (measure if trial.meshes is None else measure_file)(entry, item, truth, trial)
+        measured = measure if trial.meshes is None else partial(measure_file, trial.meshes)
+        result, shown = measured(entry, item, truth, trial)
         results.append(result)
         logger.info("%d of %d, %s", index + 1, len(entries), _summary(result))
         if sheets is not None:
@@ -185,6 +187,7 @@ def _summary(result: ObjectResult) -> str:
     ours = result.systems[OURS]
     maps = ", ".join(f"{name} {scores.psnr_in:.1f}" for name, scores in ours.maps.items())
     one = result.systems.get(ONE_VIEW)
-    single = f", one view F@0.1 {one.geometry.f_coarse:.3f}" if one is not None else ""
+    single = f", one view F@0.1 {one.geometry.f_coarse:.3f}" if one is not None and one.geometry is not None else ""
     shape = ours.geometry or ours.aligned
+    assert shape is not None, "its shape is compared in the cameras' frame, or else aligned"
     return f"{result.name}: F@0.1 {shape.f_coarse:.3f}, IoU {ours.overlap:.3f}; dB in: {maps}{single}"

@@ -15,10 +15,11 @@ import io
 import json
 import zipfile
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from arm_blender.errors import ArmError
 from arm_blender.graphics.cameras import Camera
@@ -26,6 +27,9 @@ from arm_blender.machine.files import whole_file
 from arm_blender.structures import TriangleMesh
 
 from .manifest import read_manifest
+
+Arrays = dict[str, NDArray[Any]]
+"""The arrays of one file by their names, each of a type of its own."""
 
 INDEXES = "[0-9]*.json"
 """Names of the shards' indexes. A tar without one is not finished, and is not read."""
@@ -43,7 +47,7 @@ _known: dict[Path, dict[str, dict[str, Place]]] = {}
 """Of each folder of shards, the members found so far, of each object by name; thousands of indexes take seconds."""
 
 
-def save_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
+def save_arrays(path: Path, arrays: Arrays) -> None:
     """A compressed npz, whole or not at all; its folder is made.
 
     Raises:
@@ -54,7 +58,7 @@ def save_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
         np.savez_compressed(temporary, **arrays)
 
 
-def arrays(path: Path, *names: str) -> dict[str, np.ndarray]:
+def arrays(path: Path, *names: str) -> Arrays:
     """The arrays of a sample, or those of `names` alone, which is faster.
 
     Raises:
@@ -97,7 +101,7 @@ def read_mesh(path: Path) -> TriangleMesh:
     return TriangleMesh(torch.from_numpy(mesh["vertices"]).float(), torch.from_numpy(mesh["faces"]).long())
 
 
-def read_indexes(shards: Path) -> list[dict]:
+def read_indexes(shards: Path) -> list[dict[str, Any]]:
     """The indexes of all finished shards of a folder, in order.
 
     Raises:
@@ -106,7 +110,7 @@ def read_indexes(shards: Path) -> list[dict]:
     return [read_index(path) for path in sorted(shards.glob(INDEXES))]
 
 
-def read_index(path: Path) -> dict:
+def read_index(path: Path) -> dict[str, Any]:
     """One shard's index, or the index.json of a folder of shards.
 
     Raises:
@@ -151,7 +155,7 @@ def nothing_prepared(shards: Path) -> ArmError:
     )
 
 
-def cameras(arrays: dict[str, np.ndarray]) -> tuple[Camera, ...]:
+def cameras(arrays: Arrays) -> tuple[Camera, ...]:
     """The cameras of one rig."""
     size = arrays["rgba"].shape[1]
     return tuple(

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
@@ -70,7 +71,7 @@ def moved_by(motion: Tensor) -> Callable[[Tensor], Tensor]:
     return lambda vertices: vertices @ motion[:3, :3].T + motion[:3, 3]
 
 
-def poses(scales: tuple[float, ...]) -> Iterator[np.ndarray]:
+def poses(scales: tuple[float, ...]) -> Iterator[NDArray[np.float64]]:
     """(4, 4) similarities about the origin, the identity first: quarter turns of a cube, and each eighth about Z."""
     yield np.eye(4)
     for rotation in [*_cube_rotations(), *(_about_z(np.pi / 4 + np.pi / 2 * k) for k in range(4))]:
@@ -80,7 +81,7 @@ def poses(scales: tuple[float, ...]) -> Iterator[np.ndarray]:
             yield pose
 
 
-def similarity_between(source: np.ndarray, target: np.ndarray) -> np.ndarray:
+def similarity_between(source: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
     """(4, 4) the similarity that brings points (P, 3) nearest to (P, 3) (Umeyama 1991); points in one place only move.
 
     Where the points lie in a plane or on a line it is still a rotation, never a reflection.
@@ -99,8 +100,12 @@ def similarity_between(source: np.ndarray, target: np.ndarray) -> np.ndarray:
 
 
 def _icp(
-    source: np.ndarray, target: np.ndarray, tree: cKDTree, pose: np.ndarray, config: AlignmentConfig
-) -> np.ndarray:
+    source: NDArray[np.float64],
+    target: NDArray[np.float64],
+    tree: cKDTree,
+    pose: NDArray[np.float64],
+    config: AlignmentConfig,
+) -> NDArray[np.float64]:
     """The pose after iterated closest points, both ways."""
     low, high = min(config.scales), max(config.scales)
     for _ in range(config.rounds):
@@ -116,7 +121,7 @@ def _icp(
     return pose
 
 
-def _normalising(mesh: TriangleMesh) -> np.ndarray:
+def _normalising(mesh: TriangleMesh) -> NDArray[np.float64]:
     """(4, 4) that centres the bounding box and brings its longest side to 2; a single point only moves."""
     used = mesh.vertices[mesh.faces.unique()].double().numpy()
     low, high = used.min(axis=0), used.max(axis=0)
@@ -127,16 +132,16 @@ def _normalising(mesh: TriangleMesh) -> np.ndarray:
     return motion
 
 
-def _moved(points: np.ndarray, motion: np.ndarray) -> np.ndarray:
+def _moved(points: NDArray[np.float64], motion: NDArray[np.float64]) -> NDArray[np.float64]:
     return points @ motion[:3, :3].T + motion[:3, 3]
 
 
-def _distance(moved: np.ndarray, target: np.ndarray, tree: cKDTree) -> float:
+def _distance(moved: NDArray[np.float64], target: NDArray[np.float64], tree: cKDTree) -> float:
     """Chamfer distance of two sets of points."""
     return float(tree.query(moved)[0].mean() + cKDTree(moved).query(target)[0].mean())
 
 
-def _cube_rotations() -> Iterator[np.ndarray]:
+def _cube_rotations() -> Iterator[NDArray[np.float64]]:
     """The 24 rotations that keep a cube, the identity first."""
     for order in ((0, 1, 2), (1, 2, 0), (2, 0, 1), (0, 2, 1), (2, 1, 0), (1, 0, 2)):
         for signs in range(8):
@@ -146,6 +151,6 @@ def _cube_rotations() -> Iterator[np.ndarray]:
                 yield matrix
 
 
-def _about_z(angle: float) -> np.ndarray:
+def _about_z(angle: float) -> NDArray[np.float64]:
     cos, sin = np.cos(angle), np.sin(angle)
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])

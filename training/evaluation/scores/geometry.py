@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from arm_blender.graphics.meshes import sample_surface
@@ -58,7 +59,7 @@ def compare(predicted: TriangleMesh, truth: TriangleMesh, samples: int = SAMPLES
     return compare_points(a, b)
 
 
-def compare_points(a: np.ndarray, b: np.ndarray) -> GeometryScores:
+def compare_points(a: NDArray[np.float32], b: NDArray[np.float32]) -> GeometryScores:
     """Scores of points (P, 3) on a predicted surface against points (Q, 3) on the true one."""
     to_truth, to_predicted = cKDTree(b).query(a)[0], cKDTree(a).query(b)[0]
     return GeometryScores(
@@ -86,7 +87,7 @@ def ceiling(truth: TriangleMesh, samples: int = SAMPLES, seed: int = 0) -> Geome
     return compare_points(points[visible][:samples].numpy(), whole.numpy())
 
 
-def f_score(to_truth: np.ndarray, to_predicted: np.ndarray, threshold: float) -> float:
+def f_score(to_truth: NDArray[np.float64], to_predicted: NDArray[np.float64], threshold: float) -> float:
     """The harmonic mean of precision and recall.
 
     Args:

@@ -74,10 +74,9 @@ def compare_pictures(
 def mean_scores(scores: Sequence[ImageScores]) -> ImageScores:
     """The mean of scores of as many views each."""
     distances = [score.lpips for score in scores if score.lpips is not None]
-    return ImageScores(
-        *(sum(getattr(score, name) for score in scores) / len(scores) for name in ("psnr_in", "psnr_full", "ssim")),
-        lpips=sum(distances) / len(distances) if len(distances) == len(scores) else None,
-    )
+    names = ("psnr_in", "psnr_full", "ssim")
+    always = {name: sum(getattr(score, name) for score in scores) / len(scores) for name in names}
+    return ImageScores(**always, lpips=sum(distances) / len(distances) if len(distances) == len(scores) else None)
 
 
 def mask_overlap(found_alpha: Tensor, true_alpha: Tensor) -> float:

@@ -42,7 +42,7 @@ def objects_table(results: Sequence[ObjectResult]) -> str:
         row += [_digits(ours.maps[name].psnr_in if name in ours.maps else None, "in") for name in MAPS]
         blend, one = result.systems.get(BLEND), result.systems.get(ONE_VIEW)
         row.append(_digits(blend.maps["albedo"].psnr_in if blend else None, "in"))
-        row.append(_digits(one.geometry.f_coarse if one else None, "F"))
+        row.append(_digits(one.geometry.f_coarse if one and one.geometry else None, "F"))
         rows.append([*row, _digits(sum(result.seconds.values()) or None, "in")])
     return markdown_table(*without_empty(header, rows))
 

@@ -46,13 +46,12 @@ def _object(item: dict[str, Any]) -> ObjectResult:
 
 def _system(item: dict[str, Any]) -> SystemResult:
     maps = {name: _scores(ImageScores, scores) for name, scores in item["maps"].items()}
-    return SystemResult(_shape(item["geometry"]), _shape(item["aligned"]), item["overlap"], maps)
+    geometry, aligned = (None if item[name] is None else _shape(item[name]) for name in ("geometry", "aligned"))
+    return SystemResult(geometry, aligned, item["overlap"], maps)
 
 
-def _shape(item: dict[str, Any] | None) -> GeometryScores | None:
+def _shape(item: dict[str, Any]) -> GeometryScores:
     """Without a distance there was no surface: JSON knows no infinity."""
-    if item is None:
-        return None
     return FAILED if item["chamfer"] is None else _scores(GeometryScores, item)
 
 

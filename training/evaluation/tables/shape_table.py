@@ -9,6 +9,7 @@ import logging
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -85,7 +86,7 @@ def measure(item: EvaluationObject, settings: Settings, seed: int, sheets: Path 
         logger.warning("%s: %s", item.name, error)
     seconds = time.perf_counter() - start
     if sheets is not None:
-        order = {name: shapes[name] for name in ("ours", "hull", "truth") if name in shapes}
+        order: dict[str, TriangleMesh] = {name: shapes[name] for name in ("ours", "hull", "truth") if name in shapes}
         with whole_file(sheets / f"{item.name}.png") as temporary:
             contact_sheet(views, order).save(temporary)
     return ObjectResult(
@@ -138,7 +139,7 @@ def verdict(results: list[ObjectResult]) -> str:
     return "  \n".join(sentences)
 
 
-def as_json(results: list[ObjectResult], settings: Settings) -> dict:
+def as_json(results: list[ObjectResult], settings: Settings) -> dict[str, Any]:
     """Everything that was measured; a distance that is infinite, where there was no surface, becomes null."""
     return {
         "settings": asdict(settings),

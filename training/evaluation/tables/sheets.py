@@ -130,8 +130,7 @@ def _cropped(row: list[Cell], shown: Shown) -> list[Cell]:
 
 def _picture(found: Appearance | None, name: str, view: int) -> Tensor | None:
     """(3, N, N) on white; None where it was not rendered."""
-    values = None if found is None else getattr(found, name)
-    if values is None:
+    if found is None or (values := getattr(found, name)) is None:
         return None
     return composite(values[view].expand(3, -1, -1), found.alpha[view], 1.0)
 

@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 import torch
 from mathutils import Matrix
+from numpy.typing import NDArray
 from torch import Tensor
 
 from arm_blender.blender.asset.scene import build_object
@@ -110,6 +111,6 @@ def _build_colored(colored: ColoredMesh) -> bpy.types.Object:
     return placed
 
 
-def _channels_first(pictures: Sequence[np.ndarray]) -> Tensor:
+def _channels_first(pictures: Sequence[NDArray[np.uint8]]) -> Tensor:
     """(V, C, N, N) in [0, 1] of V (N, N, C) uint8."""
     return torch.from_numpy(np.stack(pictures)).permute(0, 3, 1, 2).float() / 255.0

@@ -11,7 +11,8 @@ from torch import Tensor
 from torch.nn.functional import grid_sample
 
 from arm_blender.graphics.cameras import project
-from arm_blender.graphics.surface.isosurface import IsosurfaceConfig, extract
+from arm_blender.graphics.surface.isosurface import extract
+from arm_blender.graphics.surface.sample_grid import IsosurfaceConfig
 from arm_blender.progress import Progress, silent
 from arm_blender.structures import TriangleMesh, ViewSet
 

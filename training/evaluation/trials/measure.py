@@ -11,7 +11,6 @@ from arm_blender import pipeline
 from arm_blender.config import Settings
 from arm_blender.errors import ArmError, EmptyMeshError
 from arm_blender.graphics.color import linear_from_srgb, srgb_from_linear
-from arm_blender.report import Report
 from arm_blender.structures import RelightableAsset, TriangleMesh, UvMesh, ViewSet
 from arm_blender.views import ViewOptions, load_views
 
@@ -89,25 +88,23 @@ def measure(entry: EvaluationEntry, item: EvaluationObject, truth: Truth, trial:
     """
     views, surface = item.views(), item.truth()
     shown = Shown(views, truth, {}, {"truth": surface})
-    systems, seconds, measured = {}, {}, {}
-    asset, report = _generate(views, trial.settings)
-    kept = None
+    asset, seconds = _generate(views, trial.settings)
+    kept, measured = None, {}
     if asset is None:
-        systems |= {OURS: _failed(truth, entry), BLEND: _failed(truth, entry)}
+        systems = {OURS: _failed(truth, entry), BLEND: _failed(truth, entry)}
     else:
-        seconds = report.seconds
-        kept = systems[OURS] = _score_asset(OURS, asset, entry, shown, trial, cycles=trial.cycles)
-        blended = plain_blend(asset, views)
+        kept = _score_asset(OURS, asset, entry, shown, trial, cycles=trial.cycles)
+        blended = _score_asset(BLEND, plain_blend(asset, views), entry, shown, trial, kept)
         # In the table ours stands for its shape.
-        systems[BLEND] = replace(_score_asset(BLEND, blended, entry, shown, trial, kept), geometry=None, aligned=None)
+        systems = {OURS: kept, BLEND: replace(blended, geometry=None, aligned=None)}
         if entry.has_material:
             alpha, tests = shown.pictures[OURS].alpha, truth.tests
             measured = {name: moments(getattr(tests, name), alpha, tests.alpha) for name in ("roughness", "metallic")}
     systems[HULL] = score_hull(entry, shown, trial)
     for name, settings in trial.others.items():
         # What brings no weights of the shape has ours; making it anew would take most of the time.
-        same = kept if has_our_shape(settings, trial) else None
-        other, _ = _generate(views, settings, None if same is None else asset.mesh)
+        mesh, same = (asset.mesh, kept) if asset is not None and has_our_shape(settings, trial) else (None, None)
+        other, _ = _generate(views, settings, mesh)
         systems[name] = _failed(truth, entry) if other is None else _score_asset(name, other, entry, shown, trial, same)
     if trial.one_view:
         systems |= _single_views(entry, item, shown, trial)
@@ -145,12 +142,14 @@ def has_our_shape(settings: Settings, trial: Trial) -> bool:
 
 def _generate(
     views: ViewSet, settings: Settings, mesh: UvMesh | None = None
-) -> tuple[RelightableAsset | None, Report | None]:
+) -> tuple[RelightableAsset | None, dict[str, float]]:
+    """The asset, and the seconds of each stage; None and {} where there is no surface."""
     try:
-        return pipeline.generate(views, settings, mesh=mesh)
+        asset, report = pipeline.generate(views, settings, mesh=mesh)
     except EmptyMeshError as error:
         logger.warning("%s: %s", views.name, error)
-        return None, None
+        return None, {}
+    return asset, report.seconds
 
 
 def _failed(truth: Truth, entry: EvaluationEntry) -> SystemResult:
@@ -174,7 +173,8 @@ def _score_asset(
         cycles: render it under the truth's lights.
     """
     tests, surface = shown.truth.tests, shown.shapes["truth"]
-    found, relit = map_pictures(asset, tests.cameras), {}
+    found = map_pictures(asset, tests.cameras)
+    relit: dict[str, ImageScores] = {}
     if cycles:
         from .asset_render_blender import asset_lights
 
@@ -197,7 +197,8 @@ def score_hull(entry: EvaluationEntry, shown: Shown, trial: Trial) -> SystemResu
     tests = shown.truth.tests
     hull = colored_hull(shown.views, trial.settings.resolved.grid, UNMEASURED)
     show = partial(vertex_pictures, hull.mesh, hull.colors, UNMEASURED)
-    found, relit = show(tests.cameras), {}
+    found = show(tests.cameras)
+    relit: dict[str, ImageScores] = {}
     if trial.cycles:
         from .asset_render_blender import colored_lights
 
@@ -220,9 +221,9 @@ def _single_views(
         systems = {ONE_VIEW: _failed(shown.truth, entry)}
     else:
         found = map_pictures(asset, shown.truth.front.cameras)
-        scores = compare(asset.mesh, shown.shapes["truth"], trial.points, trial.seed)
-        systems = {ONE_VIEW: replace(score_pictures(found, shown.truth.front, entry, trial), geometry=scores)}
         shown.pictures[ONE_VIEW], shown.shapes[ONE_VIEW] = found, _shape(asset.mesh)
+        scores = compare(shown.shapes[ONE_VIEW], shown.shapes["truth"], trial.points, trial.seed)
+        systems = {ONE_VIEW: replace(score_pictures(found, shown.truth.front, entry, trial), geometry=scores)}
     systems[PICTURE] = _unposed(PICTURE, picture, ViewOptions(), entry, shown, trial)
     if trial.provider is not None:
         systems[PROVIDER] = _unposed(PROVIDER, picture, trial.provider(entry.name), entry, shown, trial)
@@ -245,7 +246,7 @@ def _unposed(
         asset, mesh=asset.mesh.moved(moved_by(align(_shape(asset.mesh), surface, trial.seed, trial.alignment)))
     )
     shown.pictures[name], shown.shapes[name] = map_pictures(moved, tests.cameras), _shape(moved.mesh)
-    scores = compare(moved.mesh, surface, trial.points, trial.seed)
+    scores = compare(shown.shapes[name], surface, trial.points, trial.seed)
     return replace(score_pictures(shown.pictures[name], tests, entry, trial), aligned=scores)
 
 

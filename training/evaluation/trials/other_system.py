@@ -35,14 +35,14 @@ def mesh_of(folder: Path, name: str) -> Path:
 
 
 def measure_file(
-    entry: EvaluationEntry, item: EvaluationObject, truth: Truth, trial: Trial
+    meshes: Path, entry: EvaluationEntry, item: EvaluationObject, truth: Truth, trial: Trial
 ) -> tuple[ObjectResult, Shown]:
-    """The other system's mesh of an object in the place of ours, beside the hull.
+    """The other system's mesh of an object, from its folder `meshes`, in the place of ours, beside the hull.
 
     Raises:
         ArmError: there is no one file, or it does not do.
     """
-    path = mesh_of(trial.meshes, entry.name)
+    path = mesh_of(meshes, entry.name)
     shown = Shown(item.views(), truth, {}, {"truth": item.truth()})
     surface = shown.shapes["truth"]
     mesh = read_mesh(path)
@@ -60,6 +60,7 @@ def measure_file(
 
         def show(light: Path) -> tuple[torch.Tensor, torch.Tensor]:
             appearance = file_appearance(path, place, relighting.cameras, (light,), trial.protocol)
+            assert appearance.lit is not None  # A light was given.
             return appearance.lit, appearance.alpha
 
         found = file_appearance(path, place, truth.tests.cameras, (truth.input_light,), trial.protocol)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from arm_blender.errors import ArmError
@@ -41,6 +42,6 @@ def relit_pictures(path: Path) -> tuple[Tensor, Tensor]:
     return rgba[:, :3], rgba[:, 3:]
 
 
-def save_relit(path: Path, pictures: Sequence[np.ndarray]) -> None:
+def save_relit(path: Path, pictures: Sequence[NDArray[np.uint8]]) -> None:
     """Write pictures (N, N, 4) uint8, sRGB with coverage, under one light, for `relit_pictures`."""
     shards.save_arrays(path, {"rgba": np.stack(pictures)})

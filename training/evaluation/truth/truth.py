@@ -7,11 +7,12 @@ light. A folder is there whole or not at all.
 """
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from arm_blender.errors import ArmError
@@ -52,8 +53,9 @@ class Appearance:
 
     def only(self, chosen: slice) -> "Appearance":
         """Some of the views."""
-        rest = (self.alpha, self.albedo, self.roughness, self.metallic, self.lit, self.relit)
-        return Appearance(self.cameras[chosen], *(None if t is None else t[chosen] for t in rest))
+        always = (t[chosen] for t in (self.alpha, self.albedo, self.roughness, self.metallic))
+        lit, relit = (None if t is None else t[chosen] for t in (self.lit, self.relit))
+        return replace(Appearance(self.cameras[chosen], *always), lit=lit, relit=relit)
 
 
 @dataclass(frozen=True)
@@ -107,7 +109,7 @@ def read_truth(item: EvaluationObject, data: Path, protocol: Protocol) -> Truth:
         record = json.loads((item.folder / RECORD).read_text(encoding="utf-8"))
         with np.load(item.folder / ARRAYS) as file:
             arrays = {name: file[name] for name in file.files}
-        lights = [data / record[name] for name in ("input_light", "other_light")]
+        light, other = (data / record[name] for name in ("input_light", "other_light"))
         relighting = None
         if protocol.relit_views is not None:
             others = tuple(data / name for name in record["relit_lights"])
@@ -115,7 +117,7 @@ def read_truth(item: EvaluationObject, data: Path, protocol: Protocol) -> Truth:
     except (OSError, ValueError, KeyError) as error:
         raise ArmError(f"{item.folder}: no whole truth ({error}); remove the folder, it is rendered again") from error
     views = _appearance(arrays)
-    return Truth(views.only(slice(None, -1)), views.only(slice(-1, None)), *lights, relighting)
+    return Truth(views.only(slice(None, -1)), views.only(slice(-1, None)), light, other, relighting)
 
 
 def relit_files(folder: Path, count: int) -> list[Path]:
@@ -123,7 +125,7 @@ def relit_files(folder: Path, count: int) -> list[Path]:
     return [folder / f"relit-{k}.npz" for k in range(count)]
 
 
-def _appearance(arrays: dict[str, np.ndarray]) -> Appearance:
+def _appearance(arrays: shards.Arrays) -> Appearance:
     rgba = _unit(arrays["rgba"])
     return Appearance(
         shards.cameras(arrays),
@@ -136,6 +138,6 @@ def _appearance(arrays: dict[str, np.ndarray]) -> Appearance:
     )
 
 
-def _unit(pixels: np.ndarray) -> Tensor:
+def _unit(pixels: NDArray[np.uint8]) -> Tensor:
     """(V, C, N, N) in [0, 1] of (V, N, N, C) uint8."""
     return torch.from_numpy(pixels).permute(0, 3, 1, 2).float() / 255.0

@@ -4,6 +4,7 @@ import logging
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
@@ -27,14 +28,14 @@ from ...rendering.scene_blender import (
     set_constant,
     triangles,
 )
-from ...rendering.shards import save_arrays
+from ...rendering.shards import Arrays, save_arrays
 from .protocol import EXPOSURE, UNMEASURED, EvaluationEntry, Protocol, chosen_for
 from .relit import relit_lights, save_relit
 from .truth import ARRAYS, FRONT, RECORD, is_whole, relit_files
 
 logger = logging.getLogger(__name__)
 
-Pictures = list[dict[str, np.ndarray]]
+Pictures = list[Arrays]
 
 
 def render_missing(
@@ -59,7 +60,7 @@ def render_missing(
         try:
             with staging(cache) as stage:
                 _render(entry, first, others, stage / entry.name, protocol)
-                record = {"input_light": _name(first, data), "other_light": _name(other, data)}
+                record: dict[str, Any] = {"input_light": _name(first, data), "other_light": _name(other, data)}
                 if protocol.relit_views is not None:
                     record["relit_lights"] = [_name(light, data) for light in others]
                 write_json(stage / entry.name / RECORD, record | {"kind": entry.kind, "file": entry.path.name})
