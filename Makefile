@@ -1,6 +1,7 @@
 # make          the environment: .venv with everything pinned; a second run installs nothing
 # make demo     six views of an object -> out/demo/
-# make test     the tests; make lint; make bench
+# make test     the tests
+# make lint     ruff, its format and mypy; make bench
 # make extension     the extension's zips with their libraries, and a repository's index -> out/extension/
 # make test-blender  those zips in every supported Blender: install, generate, relight, export, uninstall
 # make test-ui  the panel in a real Blender window, measured; needs a Debian and root -> docs/user-interface.md
@@ -36,6 +37,8 @@ test: $(READY)
 
 lint: $(READY)
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
 
 bench: $(READY)
 	$(BIN)/python -m benchmarks
@@ -56,4 +59,4 @@ test-train: $(READY)
 	$(BIN)/python -m pytest -q -m long
 
 clean:
-	rm -rf out .pytest_cache .ruff_cache
+	rm -rf out .mypy_cache .pytest_cache .ruff_cache
