@@ -116,9 +116,14 @@ def project(points: Tensor, camera: Camera) -> tuple[Tensor, Tensor]:
     local = points @ camera.w2c[:3, :3].T + camera.w2c[:3, 3]
     depth = -local[..., 2]
     safe = torch.where(depth.abs() < 1e-8, torch.full_like(depth, 1e-8), depth)
-    x = camera.K[0, 0] * local[..., 0] / safe + camera.K[0, 2]
-    y = camera.K[1, 2] - camera.K[1, 1] * local[..., 1] / safe
-    return torch.stack([x, y], dim=-1), depth
+    return image_points(local, safe, camera.K), depth
+
+
+def image_points(local: Tensor, depth: Tensor, K: Tensor) -> Tensor:
+    """(..., 2) pixels of points (..., 3) in a camera's frame, at a `depth` (...,) that is not 0; K is (..., 3, 3)."""
+    x = K[..., 0, 0] * local[..., 0] / depth + K[..., 0, 2]
+    y = K[..., 1, 2] - K[..., 1, 1] * local[..., 1] / depth
+    return torch.stack([x, y], dim=-1)
 
 
 def unproject(pixels: Tensor, depth: Tensor, camera: Camera) -> Tensor:

@@ -10,6 +10,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from .cameras import image_points
+
 NEAREST = 0.05
 """World units; what lies closer to a pinhole, or behind it, is not framed."""
 
@@ -75,12 +77,10 @@ class Outlines:
             local = (points.unsqueeze(1) - self.c2w[..., None, :3, 3]) @ self.c2w[..., :3, :3]
         depth = -local[..., 2]
         near = depth.clamp(min=NEAREST)
-        focal = self.K[..., 0, 0].unsqueeze(-1)
-        x = self.K[..., 0, 2].unsqueeze(-1) + focal * local[..., 0] / near
-        y = self.K[..., 1, 2].unsqueeze(-1) - self.K[..., 1, 1].unsqueeze(-1) * local[..., 1] / near
-        grid = torch.stack([2.0 * x / size - 1.0, 2.0 * y / size - 1.0], dim=-1).clamp(-2.0, 2.0)
+        K = self.K.unsqueeze(-3)
+        grid = (2.0 * image_points(local, near, K) / size - 1.0).clamp(-2.0, 2.0)
         framed = ((grid.abs().amax(dim=-1) <= 1.0) & (depth > NEAREST)).to(points)
-        return Projection(grid, local, depth, near / focal, framed)
+        return Projection(grid, local, depth, near / K[..., 0, 0], framed)
 
     def read(self, seen: Projection) -> tuple[Tensor, Tensor]:
         """(B, V, P) coverage, and signed silhouette distance in world units at the points' depths."""
