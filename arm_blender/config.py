@@ -1,4 +1,4 @@
-"""What a user chooses: a preset of networks, a quality level, and single knobs over it."""
+"""What the knobs stand for: a preset its networks, a quality level its sizes, and single knobs over it."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,7 +8,7 @@ import torch
 
 from .errors import ArmError
 from .graphics.surface.fairing import FairingConfig
-from .machine.precision import PRECISIONS, PrecisionName
+from .knobs import Knobs, PresetName, check
 from .models.atlas_network import AtlasNetworkConfig
 from .models.paper import reconstruction
 from .models.paper.instant_albedo import PAPER as PAPER_ALBEDO
@@ -16,9 +16,6 @@ from .models.paper.reconstruction import ReconstructionConfig
 from .models.small.instant_albedo import SMALL as SMALL_ALBEDO
 from .models.small.ray_occupancy import RayOccupancyConfig
 from .weight_files import checkpoints
-
-PresetName = Literal["small", "paper", "instantmesh"]
-QualityName = Literal["draft", "balanced", "final"]
 
 _NETWORKS = ("georm", "glossyrm", "instant_albedo", "ray_occupancy")
 """The fields of `Preset` that configure a network."""
@@ -93,77 +90,19 @@ QUALITIES: dict[str, Quality] = {
 }
 
 
-MAXIMUM_THREADS = 1024
-"""More is a slip of the finger, and the system may refuse to start them."""
+@dataclass(frozen=True, kw_only=True)
+class Settings(Knobs):
+    """One run. Knobs that are None follow the quality level.
 
-
-SHORTEST_LIMIT = 5.0
-"""Seconds: twice what the charts of half a million faces take on two cores before anything can be given up."""
-
-
-@dataclass(frozen=True)
-class Settings:
-    """One run. Knobs that are None follow the quality level."""
-
-    preset: PresetName = "small"
-    quality: QualityName = "balanced"
-    texture_size: int | None = None
-    """Largest texels a side, a power of two from 256 to 8192."""
-    faces: int | None = None
-    """Face budget, at least 100."""
-    grid: int | None = None
-    """Samples of the density along a side of the box, 16 to 512."""
-    dense: bool = False
-    """Sample the density everywhere; finds parts that touch nothing else, and takes many times longer."""
-    seed: int = 0
-    """Of whatever is drawn at random. The same seed gives the same files."""
-    device: str = "cpu"
-    """Where the networks run: cpu, cuda or mps."""
-    threads: int | None = None
-    """Of the CPU; None leaves torch's choice."""
-    time_limit: float = 60.0
-    """Seconds that unwrapping may take, 5 at least: charts are packed without xatlas where it would take longer."""
-    precision: PrecisionName = "auto"
-    """Of the networks: float32, bfloat16, or what suits the network's size and the device."""
-    random_weights: int | None = None
-    """For tests: a seed of random weights for all networks, instead of those in files. The result means nothing."""
-    normal_map: bool = False
-    """Keep the detail that decimation takes as a normal map."""
-    weights_folder: Path | None = None
-    """Of weights of the user's own, named as those that ship, such as small.georm.safetensors; for what it lacks those
-    that ship are taken."""
+    Raises:
+        ArmError: a knob is not what it may be, or this machine, or this build of torch, has not what it asks for.
+    """
 
     def __post_init__(self) -> None:
-        for name, value, known in (
-            ("preset", self.preset, PRESETS),
-            ("quality", self.quality, QUALITIES),
-            ("precision", self.precision, PRECISIONS),
-        ):
-            if value not in known:
-                raise ArmError(f"--{name} {value}: unknown; choose one of {', '.join(known)}")
-        self._check_machine()
-        size = self.resolved.texture_size
-        if not 256 <= size <= 8192 or size & (size - 1):
-            raise ArmError(f"--texture-size {size}: give a power of two from 256 to 8192")
-        if self.resolved.faces < 100:
-            raise ArmError(f"--faces {self.resolved.faces}: give at least 100")
-        if not 16 <= self.resolved.grid <= 512:
-            raise ArmError(f"--grid {self.resolved.grid}: give 16 to 512")
-        if not self.time_limit >= SHORTEST_LIMIT:
-            raise ArmError(f"--time-limit {self.time_limit:g}: give {SHORTEST_LIMIT:g} seconds or more")
-        for name, seed in (("seed", self.seed), ("random-weights", self.random_weights)):
-            if seed is not None and not 0 <= seed < 2**63:
-                raise ArmError(f"--{name} {seed}: give 0 to 2**63 - 1")
-
-    def _check_machine(self) -> None:
-        """Raises `ArmError` where this machine, or this build of torch, has not what the settings ask for."""
+        check(self)
         there = {"cpu": True, "cuda": torch.cuda.is_available(), "mps": torch.backends.mps.is_available()}
-        if self.device not in there:
-            raise ArmError(f"--device {self.device}: unknown; choose one of {', '.join(there)}")
         if not there[self.device]:
             raise ArmError(f"--device {self.device}: torch finds none here; choose cpu, or see `arm doctor`")
-        if self.threads is not None and not 1 <= self.threads <= MAXIMUM_THREADS:
-            raise ArmError(f"--threads {self.threads}: give 1 to {MAXIMUM_THREADS}")
 
     @property
     def resolved(self) -> Quality:

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 import xatlas
 
-from arm_blender.config import SHORTEST_LIMIT
+from arm_blender.knobs import SHORTEST_LIMIT
 from arm_blender.structures import TriangleMesh, UvMesh
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 from training.documents import markdown_table, paragraphs

@@ -14,6 +14,7 @@ MODULES = sorted([*(ROOT / "arm_blender").rglob("*.py"), *(ROOT / "training").rg
 RUNTIME = {"torch", "numpy", "xatlas", "trimesh", "fast_simplification", "safetensors", "OpenImageIO", "PIL"}
 FLOORS: list[set[str]] = [  # Of arm_blender: a room knows itself and those on lower floors, not its neighbours.
     {"errors", "version", "progress"},
+    {"knobs"},
     {"machine"},
     {"graphics.cameras"},
     {"structures"},
@@ -204,7 +205,7 @@ def test_no_path_of_one_machine_is_written_down(module):
         assert place not in text
 
 
-LIGHT = ["arm_blender", "arm_blender.errors", "arm_blender.__main__", "training.__main__"]
+LIGHT = ["arm_blender", "arm_blender.errors", "arm_blender.knobs", "arm_blender.__main__", "training.__main__"]
 LIGHT += ["arm_blender.machine.library_install", "arm_blender.weight_files.folder"]  # Blender's preferences use them.
 LIGHT += ["arm_blender.commands.progress_line"]  # Shown before the seconds of importing torch are counted.
 

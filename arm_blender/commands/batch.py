@@ -9,34 +9,26 @@ import logging
 import platform
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ..errors import ArmError, InputImageError
+from ..knobs import Knobs, ViewKnobs, knobs_of
 from ..machine.files import check_output, clear_unfinished
 from ..version import VERSION
 from . import UsageError, generate, workers
 
 logger = logging.getLogger(__name__)
 
-_COLUMNS = {
-    "seed": int,
-    "quality": str,
-    "texture_size": int,
-    "faces": int,
-    "grid": int,
-    "place": generate.placement,
-    "mesh": Path,
-    "view_weights": generate.view_weights,
-    "elevation": float,
-    "fovy": float,
-    "rig": str,
-    "rig_distance": float,
+_COLUMNS: dict[str, tuple[str, Callable[[str], Any]]] = {
+    **{one.column: (one.name, one.kind) for kind in (Knobs, ViewKnobs) for one in knobs_of(kind) if one.listed},
+    "mesh": ("mesh", Path),
+    "place": ("place", generate.placement),
 }
-"""What an item may say for itself, besides `views` and `name`; everything else is said once for all."""
+"""What an item may say for itself, besides `views` and `name`, with the option that it is; all else is said once."""
 
 WORKER = "arm_blender.commands.batch"
 """Whose `answer` other processes call: this module, by the name that it has for them."""
@@ -167,12 +159,12 @@ def _item(row: Any, folder: Path, where: str) -> Item:
     if unknown:
         raise InputImageError(f"{where}: unknown column {unknown[0]}; use views, name, {', '.join(_COLUMNS)}")
     options = {}
-    for key, convert in _COLUMNS.items():
+    for key, (option, convert) in _COLUMNS.items():
         if key in row:
             value = row[key]
             text = ",".join(map(str, value)) if isinstance(value, list) else str(value)
             try:
-                options[key] = convert(text)
+                options[option] = convert(text)
             except (ValueError, argparse.ArgumentTypeError) as error:
                 raise InputImageError(f"{where}: {key} is {value!r}; correct it") from error
     if "mesh" in options:

@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import os
 import sys
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .. import run as run_of
 from ..errors import ArmError, InputImageError
+from ..knobs import DrawingKnobs, Knobs, ViewKnobs, knobs_of, values_of
 from ..machine.files import check_output
 from ..progress import part
 from . import UsageError
@@ -42,36 +42,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Everything but the views: what `generate` and `batch` share."""
     parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="the folder of the result")
-    networks = parser.add_argument_group("quality and time")
-    networks.add_argument("--preset", default="small", help="networks: small, paper or instantmesh (default: small)")
-    networks.add_argument(
-        "--weights", type=Path, metavar="DIR", help="weights that you trained, named as those that ship"
-    )
-    networks.add_argument("--quality", default="balanced", help="draft, balanced or final (default: balanced)")
-    networks.add_argument("--texture-size", type=int, metavar="N", help="largest texels a side, a power of two")
-    networks.add_argument("--faces", type=int, metavar="N", help="face budget")
-    networks.add_argument("--grid", type=int, metavar="N", help="samples of the density along a side of the box")
-    networks.add_argument("--dense", action="store_true", help="sample the density everywhere")
-    networks.add_argument("--device", default="cpu", help="cpu, cuda or mps (default: cpu)")
-    networks.add_argument("--precision", default="auto", help="of the networks: auto, float32 or bfloat16")
-    networks.add_argument("--threads", type=int, metavar="N", help="of the CPU")
-    networks.add_argument("--time-limit", type=float, metavar="S", help="seconds that unwrapping may take")
-    networks.add_argument("--seed", type=int, default=0, metavar="N")
-    networks.add_argument(
-        "--random-weights", type=int, metavar="N", help="for tests: of this seed; the result is noise"
-    )
+    _add_knobs(parser.add_argument_group("quality and time"), Knobs)
     views = parser.add_argument_group("views")
-    views.add_argument("--rig", default="zero123plus-v1.2", help="of six images without cameras")
-    views.add_argument("--rig-distance", type=float, default=4.0, metavar="D", help="of that rig (default: 4)")
-    views.add_argument("--elevation", type=float, metavar="DEG", help="of a single image's camera (default: 10)")
-    views.add_argument("--fovy", type=float, metavar="DEG", help="of a single image or the rig (default: 30)")
-    views.add_argument("--view-weights", type=view_weights, metavar="W,W,...", help="how much each view counts")
-    views.add_argument("--multiview", default="none", help="of a single image: none, zero123plus (default: none)")
+    _add_knobs(views, ViewKnobs)
     views.add_argument("--multiview-model", type=Path, metavar="DIR", help="its weights, as diffusers saves a pipeline")
-    views.add_argument("--multiview-steps", type=int, default=28, metavar="N", help="75 for fine detail (default: 28)")
-    views.add_argument("--multiview-guidance", type=float, default=4.0, metavar="G", help="by the image (default: 4)")
-    views.add_argument("--multiview-background", default="grey", help="of its training: grey or white (default: grey)")
-    views.add_argument("--reseed", type=view_indices, default=(), metavar="I,I", help="draw only these of DIR/views")
+    _add_knobs(views, DrawingKnobs)
     result = parser.add_argument_group("result")
     result.add_argument("--mesh", type=Path, metavar="FILE", help="your mesh: only its texture is made")
     result.add_argument(
@@ -81,7 +56,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="WHERE",
         help="cameras: where they see it (default); ground",
     )
-    result.add_argument("--normal-map", action="store_true", help="keep the detail that decimation takes")
     result.add_argument(
         "--export", type=formats, default="glb", metavar="F,F", help="besides .blend: glb (default), usd, usdz, obj"
     )
@@ -89,15 +63,15 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     result.add_argument("--progress", choices=("auto", "always", "never"), default="auto", help="auto: on a terminal")
 
 
-def view_weights(text: str) -> tuple[float, ...]:
-    """The value of --view-weights."""
-    try:
-        weights = tuple(float(word) for word in text.split(","))
-    except ValueError:
-        weights = ()
-    if not weights or not all(math.isfinite(weight) and weight >= 0.0 for weight in weights):
-        raise argparse.ArgumentTypeError(f"{text!r}: give numbers of 0 or more, separated by commas")
-    return weights
+def _add_knobs(group: argparse._ArgumentGroup, declared: type) -> None:
+    """An option for each knob."""
+    for one in knobs_of(declared):
+        words: dict[str, Any] = {"dest": one.name, "default": one.default, "help": one.help}
+        if one.kind is bool:
+            group.add_argument(f"--{one.option}", action="store_true", **words)
+        else:
+            letter = one.letter or one.column.upper()
+            group.add_argument(f"--{one.option}", type=one.kind, metavar=letter, **words)
 
 
 def formats(text: str) -> str:
@@ -112,14 +86,6 @@ def placement(text: str) -> str:
     if text not in ("cameras", "ground"):
         raise argparse.ArgumentTypeError(f"{text!r}: give cameras or ground")
     return text
-
-
-def view_indices(text: str) -> tuple[int, ...]:
-    """The value of --reseed."""
-    try:
-        return tuple(int(word) for word in text.split(","))
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text!r}: give numbers of views, separated by commas") from error
 
 
 def run(args: argparse.Namespace) -> int:
@@ -188,12 +154,8 @@ def settings_of(args: argparse.Namespace) -> Settings:
     from ..config import Settings
     from ..networks import check_folder
 
-    names = "preset quality texture_size faces grid dense seed device threads precision random_weights normal_map"
-    values = {name: getattr(args, name) for name in names.split()}
-    if args.time_limit is not None:
-        values["time_limit"] = args.time_limit
     try:
-        settings = Settings(**values, weights_folder=args.weights)
+        settings = Settings(**values_of(Settings, args))
         check_folder(settings)
     except ArmError as error:
         raise UsageError(str(error)) from error
@@ -240,20 +202,10 @@ def view_options_of(args: argparse.Namespace) -> ViewOptions:
         raise UsageError("--multiview-model, --reseed: are of --multiview zero123plus; add it")
     try:
         if args.multiview_model is not None:
-            diffusion = Zero123PlusConfig(
-                model=args.multiview_model,
-                folder=args.output / "views",
-                steps=args.multiview_steps,
-                guidance=args.multiview_guidance,
-                background=args.multiview_background,
-                seed=args.seed,
-                reseed=args.reseed,
-                device=args.device,
-                threads=args.threads,
-            )
-        return ViewOptions(
-            args.rig, args.rig_distance, args.elevation, args.fovy, args.view_weights, args.multiview, diffusion
-        )
+            machine = {"seed": args.seed, "device": args.device, "threads": args.threads}
+            drawing = values_of(Zero123PlusConfig, args)
+            diffusion = Zero123PlusConfig(args.multiview_model, args.output / "views", **machine, **drawing)
+        return ViewOptions(**values_of(ViewOptions, args), zero123plus=diffusion)
     except ArmError as error:
         raise UsageError(str(error)) from error
 

@@ -5,13 +5,10 @@ Transforms, the decoding of points and all shading stay in float32.
 """
 
 from contextlib import AbstractContextManager, nullcontext
-from typing import Literal
 
 import torch
 
-PrecisionName = Literal["auto", "float32", "bfloat16"]
-
-PRECISIONS: tuple[PrecisionName, ...] = ("auto", "float32", "bfloat16")
+from ..knobs import PrecisionName
 
 
 def gains_from_bfloat16(device: str) -> bool:

@@ -7,13 +7,13 @@ from pathlib import Path
 import torch
 
 from ..errors import ArmError, InputImageError
+from ..knobs import ViewKnobs, check
 from ..progress import Progress, silent
 from ..structures import ViewSet
 from . import preprocess
 from .foreground import Heard, unheard
 from .image_io import pictures_in
-from .multiview import PROVIDERS, Folder, MultiviewProvider, PictureAlone, View, posed_views
-from .rigs import ZERO123PLUS
+from .multiview import Folder, MultiviewProvider, PictureAlone, View, posed_views
 from .transforms_json import TRANSFORMS
 from .zero123plus.provider import Zero123Plus
 from .zero123plus.sampling import Zero123PlusConfig
@@ -25,40 +25,19 @@ LeaveOut = Callable[[str, str], None]
 """Is told what was not used, and why; `Report.leave_out` is one."""
 
 
-@dataclass(frozen=True)
-class ViewOptions:
-    """How pictures are taken that come without cameras, and how much each counts."""
+@dataclass(frozen=True, kw_only=True)
+class ViewOptions(ViewKnobs):
+    """The knobs of the views, and what they need."""
 
-    rig: str = ZERO123PLUS
-    """Of a folder of six pictures. There is one so far."""
-    rig_distance: float = 4.0
-    """World units. Larger than the pictures were made at makes the object too large for its box."""
-    elevation_deg: float | None = None
-    """Of the camera of a single picture; None is 10. A wrong one tilts the object."""
-    fovy_deg: float | None = None
-    """Of a single picture's crop or of the rig; None is 30. A wrong one deepens or flattens the object."""
-    weights: tuple[float, ...] | None = None
-    """One per view, before views that see nothing are skipped; None takes transforms.json's, or 1."""
-    multiview: str = "none"
-    """What makes further views of a single picture; "none" reconstructs from it alone."""
     zero123plus: Zero123PlusConfig | None = None
     """Of that provider, which does not work without."""
 
     def __post_init__(self) -> None:
-        if self.rig != ZERO123PLUS:
-            raise ArmError(f"--rig {self.rig}: unknown; the rig is {ZERO123PLUS}")
-        if self.multiview not in PROVIDERS:
-            raise ArmError(f"--multiview {self.multiview}: unknown; choose one of {', '.join(PROVIDERS)}")
+        check(self)
         if self.multiview == "zero123plus" and self.zero123plus is None:
             raise ArmError(
                 "--multiview zero123plus: no weights; give their folder by --multiview-model, or --multiview none"
             )
-        if not 0.0 < self.rig_distance <= 1e6:
-            raise ArmError(f"--rig-distance {self.rig_distance:g}: give a positive distance, at most 1e6")
-        if self.fovy_deg is not None and not 0.0 < self.fovy_deg < 180.0:
-            raise ArmError(f"--fovy {self.fovy_deg:g}: give degrees between 0 and 180")
-        if self.elevation_deg is not None and not -90.0 <= self.elevation_deg <= 90.0:
-            raise ArmError(f"--elevation {self.elevation_deg:g}: give degrees between -90 and 90")
 
 
 def load_views(

@@ -15,7 +15,6 @@ from .image_io import pictures_in, read_image
 from .rigs import AZIMUTHS_DEG, front_camera, zero123plus_rig
 from .transforms_json import read_transforms
 
-PROVIDERS = ("none", "zero123plus")
 """What makes the views of a single picture."""
 
 

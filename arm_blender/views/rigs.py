@@ -4,7 +4,6 @@ import math
 
 from ..graphics.cameras import Camera, orbit_camera
 
-ZERO123PLUS = "zero123plus-v1.2"
 """The one rig of six views so far."""
 
 AZIMUTHS_DEG = (30.0, 90.0, 150.0, 210.0, 270.0, 330.0)

@@ -206,9 +206,8 @@ def test_a_request_becomes_settings_and_one_rising_progress(monkeypatch, tmp_pat
     fractions = []
     request = generation.GenerationRequest(
         tmp_path,
-        None,
-        (1.0, 0.0),
-        20.0,
+        weights=(1.0, 0.0),
+        elevation_deg=20.0,
         quality="draft",
         texture_size=256,
         faces=500,

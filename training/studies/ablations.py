@@ -145,7 +145,7 @@ def run(args: argparse.Namespace) -> int:
         steps = args.steps if study is ALBEDO else args.georm_steps
         fits = fitted(study, steps, args)
         others = {study.system(ablation): settings for ablation, settings in fits.items()}
-        trial = Trial(Settings("small"), PROTOCOL, align=False, cycles=False, one_view=False, others=others)
+        trial = Trial(Settings(preset="small"), PROTOCOL, align=False, cycles=False, one_view=False, others=others)
         results = measured(trial, args.output / f"evaluation-{name}", args)
         text = paragraphs(
             setting_text(study, steps, results, args), table(study, fits, results), f"Made by `{args.command}`."
@@ -165,7 +165,7 @@ def fitted(study: Study, steps: int, args: argparse.Namespace) -> dict[str, Sett
     """
     # Another budget is another run.
     folder = args.output / f"{study.network}-{steps}-steps"
-    found = {ablation: Settings("small", weights_folder=folder / ablation) for ablation in study.rows}
+    found = {ablation: Settings(preset="small", weights_folder=folder / ablation) for ablation in study.rows}
     missing = {ablation: settings for ablation, settings in found.items() if not settings.brings(study.network)}
     if missing and study is ALBEDO:
         atlases.prepare(args.shards, args.cache)

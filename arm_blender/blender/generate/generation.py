@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from ... import run
+from ...knobs import Knobs, values_of
 from ..input.generation_request import GenerationRequest, read_views
 
 if TYPE_CHECKING:
@@ -46,17 +47,8 @@ def generate(request: GenerationRequest, progress: Progress) -> Generated:
     from ...config import Settings
     from ...views.scene_frame import IDENTITY
 
-    settings = Settings(
-        preset=request.preset,
-        quality=request.quality,
-        texture_size=request.texture_size,
-        faces=request.faces,
-        normal_map=request.normal_map and request.mesh is None,
-        seed=request.seed,
-        device=device,
-        threads=request.threads,
-        weights_folder=None if request.own_weights is None else Path(request.own_weights),
-    )
+    normal_map = request.normal_map and request.mesh is None  # A mesh of the user's loses no detail.
+    settings = Settings(**values_of(Knobs, request) | {"device": device, "normal_map": normal_map})
     frames = [IDENTITY]
 
     def own_mesh(views: ViewSet) -> TriangleMesh | UvMesh:
@@ -88,9 +80,8 @@ def draw_views(request: GenerationRequest, model: Path, folder: Path, steps: int
     from ...views.zero123plus.provider import Zero123Plus
     from ...views.zero123plus.sampling import Zero123PlusConfig
 
-    drawing = Zero123PlusConfig(
-        model, folder, steps, seed=request.seed, device=_device(request), threads=request.threads
-    )
+    machine = {"device": _device(request), "threads": request.threads}
+    drawing = Zero123PlusConfig(model, folder, steps=steps, seed=request.seed, **machine)
     Zero123Plus(drawing, request.rig_distance, request.fovy_deg).views(request.views, progress)
     return folder
 

@@ -1,7 +1,5 @@
 """The "ARM" tab of the 3D view's sidebar."""
 
-import os
-
 import bpy
 
 from ...errors import ArmError
@@ -207,8 +205,8 @@ def _draw_report(layout: bpy.types.UILayout, kept: dict) -> None:
     report = kept.get("report", {})
     column = layout.column(align=True)
     column.label(text=f"{kept['preset']}, {kept['quality']}, seed {kept['seed']}")
-    if kept["own_weights"]:
-        column.label(text=f"weights of {os.path.basename(os.path.normpath(kept['own_weights']))}")
+    if kept["weights_folder"] is not None:
+        column.label(text=f"weights of {kept['weights_folder'].name}")
     if report.get("faces") is not None:
         column.label(text=f"{report['faces']:,} faces, texture {report['texture_size']}")
     for stage, seconds in report.get("seconds", {}).items():

@@ -6,13 +6,13 @@ from bpy.props import (
     CollectionProperty,
     EnumProperty,
     FloatProperty,
-    IntProperty,
     PointerProperty,
     StringProperty,
 )
 
 from ..compat import BLEND_RELATIVE
 from ..input.callbacks import views_changed
+from ..input.panel_knobs import properties
 
 
 class ARM_PG_view(bpy.types.PropertyGroup):
@@ -31,7 +31,7 @@ class ARM_PG_view(bpy.types.PropertyGroup):
 
 
 class ARM_PG_settings(bpy.types.PropertyGroup):
-    """Input and options of the next generation."""
+    """Input and options of the next generation; the knobs among them are declared in `arm_blender.knobs`."""
 
     source: EnumProperty(
         name="Pictures",
@@ -59,30 +59,6 @@ class ARM_PG_settings(bpy.types.PropertyGroup):
         subtype="DIR_PATH",
         options=BLEND_RELATIVE,
     )
-    multiview_steps: IntProperty(
-        name="Steps", description="Of drawing; 75 for faces and fine patterns", default=28, min=1, max=1000
-    )
-    elevation: FloatProperty(
-        name="Elevation",
-        description="Degrees by which the picture looks down on the object",
-        default=10.0,
-        min=-90.0,
-        max=90.0,
-    )
-    fovy: FloatProperty(
-        name="Field of View",
-        description="Of the assumed cameras, in degrees, from top to bottom",
-        default=30.0,
-        min=1.0,
-        max=170.0,
-    )
-    rig_distance: FloatProperty(
-        name="Distance",
-        description="From the rig's cameras to the middle of the object, whose longest side is at most 2",
-        default=4.0,
-        min=0.1,
-        soft_max=10.0,
-    )
     shape: EnumProperty(
         name="Shape",
         description="Where the shape of the object comes from",
@@ -92,56 +68,6 @@ class ARM_PG_settings(bpy.types.PropertyGroup):
         ),
         default="NETWORK",
     )
-    preset: EnumProperty(
-        name="Preset",
-        description="Size of the networks",
-        items=(
-            ("small", "Small", "Weights come with the extension; made for the processor"),
-            ("paper", "Paper", "The networks of the paper; needs weights of your own and a graphics device"),
-            ("instantmesh", "InstantMesh", "Its shape network, whose weights you import; needs a graphics device"),
-        ),
-        default="small",
-    )
-    quality: EnumProperty(
-        name="Quality",
-        description="How fine the shape and the texture may become",
-        items=(
-            ("draft", "Draft", "For a first look"),
-            ("balanced", "Balanced", "For most objects"),
-            ("final", "Final", "For close-ups; takes longest"),
-        ),
-        default="balanced",
-    )
-    texture_size: EnumProperty(
-        name="Texture",
-        description="Texels a side at most; the texture is smaller where the views cannot fill it",
-        items=(
-            ("AUTO", "Automatic", "As the quality says"),
-            ("512", "512", "512 x 512"),
-            ("1024", "1024", "1024 x 1024"),
-            ("2048", "2048", "2048 x 2048"),
-        ),
-        default="AUTO",
-    )
-    faces: IntProperty(
-        name="Faces",
-        description="Triangles that the mesh may have at most; 0 leaves it to the quality",
-        default=0,
-        min=0,
-        soft_max=100_000,
-    )
-    normal_map: BoolProperty(
-        name="Normal Map",
-        description="Bake the detail that is lost to the number of faces",
-        default=False,
-    )
-    own_weights: StringProperty(
-        name="Own Weights",
-        description="Folder of weights that you trained, named as those that ship; for what it lacks those are taken",
-        subtype="DIR_PATH",
-        options=BLEND_RELATIVE,
-    )
-    seed: IntProperty(name="Seed", description="The same seed gives the same result", default=0, min=0)
     placement: EnumProperty(
         name="Place",
         description="Where the object goes",
@@ -162,6 +88,9 @@ class ARM_PG_settings(bpy.types.PropertyGroup):
     as_asset: BoolProperty(
         name="Mark as Asset", description="Show the result in the asset browser, with a preview", default=False
     )
+
+
+ARM_PG_settings.__annotations__.update(properties())
 
 
 class ARM_PG_state(bpy.types.PropertyGroup):

@@ -3,7 +3,9 @@
 import bpy
 
 from ...errors import ArmError
+from ...knobs import Knobs, ViewKnobs
 from ..input import request
+from ..input.panel_knobs import set_panel
 from ..layout import redraw_sidebars
 from .operators import is_running
 
@@ -42,15 +44,8 @@ def _recall(context: bpy.types.Context, kept: dict) -> None:
     else:
         settings.source = "CAMERAS"
     settings.shape = "MESH" if kept.get("mesh") else "NETWORK"
-    settings.preset, settings.quality, settings.seed = kept["preset"], kept["quality"], kept["seed"]
-    sizes = {item.identifier for item in settings.bl_rna.properties["texture_size"].enum_items}
-    settings.texture_size = str(kept["texture_size"]) if str(kept["texture_size"]) in sizes else "AUTO"
-    settings.faces = kept["faces"] or 0
-    settings.normal_map = kept["normal_map"]
-    settings.own_weights = kept["own_weights"] or ""
-    for own, name in (("elevation", "elevation_deg"), ("fovy", "fovy_deg"), ("rig_distance", "rig_distance")):
-        if kept[name] is not None:
-            setattr(settings, own, kept[name])
+    for declared in (Knobs, ViewKnobs):
+        set_panel(settings, declared, kept)
 
 
 def _fill_list(context: bpy.types.Context, kept: dict) -> None:

@@ -5,9 +5,11 @@ Nor is torch imported here: Blender's main thread imports this module when the e
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from ...knobs import Knobs, ViewKnobs, knobs_of, values_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -60,40 +62,19 @@ class OwnMesh:
 
 
 @dataclass(frozen=True)
-class GenerationRequest:
+class GenerationRequest(ViewKnobs, Knobs):
     """The user's wishes, copied out of Blender's properties before the work starts."""
 
     views: Path | tuple[CameraPicture, ...]
     """One image, a folder with transforms.json, or a folder of six images in the rig's order; or cameras' pictures."""
     name: str | None = None
     """Of the result; None takes that of the views."""
-    weights: tuple[float, ...] | None = None
-    """One per view, 0 leaves it out; None takes the views' own."""
-    elevation_deg: float | None = None
-    """Of the camera of a single picture."""
-    fovy_deg: float | None = None
-    """Of a single picture or of the rig."""
-    rig_distance: float = 4.0
-    """Of the rig."""
     mesh: OwnMesh | None = None
     """The shape; None has it reconstructed."""
     mesh_in_place: bool = False
     """The mesh is in the frame of the views' cameras, also where those are assumed."""
-    preset: str = "small"
-    quality: str = "balanced"
-    texture_size: int | None = None
-    """Texels a side at most; None leaves it to the quality."""
-    faces: int | None = None
-    """Triangles at most; None leaves it to the quality."""
-    normal_map: bool = False
-    """Bake the detail lost to the face budget; a mesh of the user's loses none."""
-    own_weights: str | None = None
-    """Folder of weights of the user's own; None takes those of the preset."""
-    seed: int = 0
-    device: str = "auto"
+    device: str = field(default="auto", kw_only=True)
     """"cpu", "cuda" or "mps"; "auto" is CUDA where PyTorch finds it, else the CPU."""
-    threads: int | None = None
-    """None leaves it to torch."""
 
     def as_settings(self) -> dict[str, object]:
         """What another run needs to be asked for the same, as JSON types; pictures and mesh by their names."""
@@ -102,32 +83,14 @@ class GenerationRequest:
             "views": str(self.views) if cameras is None else None,
             "cameras": cameras,
             "mesh": None if self.mesh is None else self.mesh.name,
-            "weights": None if self.weights is None else list(self.weights),
-        } | {name: getattr(self, name) for name in PLAIN}
-
-
-PLAIN = (
-    "elevation_deg",
-    "fovy_deg",
-    "rig_distance",
-    "preset",
-    "quality",
-    "texture_size",
-    "faces",
-    "normal_map",
-    "own_weights",
-    "seed",
-)
-"""Fields of a request that are kept with its result as they are; device and threads are the machine's."""
+        } | {one.name: getattr(self, one.name) for kind in (Knobs, ViewKnobs) for one in knobs_of(kind) if one.kept}
 
 
 def view_options(request: GenerationRequest) -> ViewOptions:
     """How the pictures of a request are taken that come without cameras."""
     from ...views import ViewOptions
 
-    return ViewOptions(
-        rig_distance=request.rig_distance, elevation_deg=request.elevation_deg, fovy_deg=request.fovy_deg
-    )
+    return ViewOptions(**values_of(ViewKnobs, request))
 
 
 def view_of_camera(picture: CameraPicture) -> View:
@@ -167,8 +130,7 @@ def read_views(request: GenerationRequest, progress: Progress, report: Report) -
     from ...views import load_views, view_set
 
     if isinstance(request.views, Path):
-        options = replace(view_options(request), weights=request.weights)
-        return load_views(request.views, options, progress, report.leave_out, report.note_mask)
+        return load_views(request.views, view_options(request), progress, report.leave_out, report.note_mask)
     views = []
     for index, picture in enumerate(request.views):
         progress(index / len(request.views), f"reading {picture.name}")

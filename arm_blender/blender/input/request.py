@@ -8,11 +8,12 @@ from typing import Any
 import bpy
 
 from ...errors import ArmError
+from ...knobs import Knobs, ViewKnobs, knobs_of
 from ..setup import runtime
-from .generation_request import PLAIN, CameraPicture, GenerationRequest
+from .generation_request import CameraPicture, GenerationRequest
+from .panel_knobs import panel_values
 
-ADDED_LATER = {"own_weights": None}
-"""Settings that results of earlier versions do not carry, and what they were made with."""
+_KEPT = [one for kind in (Knobs, ViewKnobs) for one in knobs_of(kind) if one.kept]
 
 
 def from_panel(context: bpy.types.Context, filepath: str = "") -> GenerationRequest:
@@ -34,13 +35,7 @@ def from_panel(context: bpy.types.Context, filepath: str = "") -> GenerationRequ
     return replace(
         wanted,
         weights=panel_weights(context, wanted),
-        preset=settings.preset,
-        quality=settings.quality,
-        texture_size=None if settings.texture_size == "AUTO" else int(settings.texture_size),
-        faces=settings.faces or None,
-        normal_map=settings.normal_map and settings.shape == "NETWORK",
-        own_weights=bpy.path.abspath(settings.own_weights) or None,
-        seed=settings.seed,
+        **panel_values(settings, Knobs),
         **_machine(),
     )
 
@@ -58,12 +53,7 @@ def views_from_panel(context: bpy.types.Context, filepath: str = "") -> Generati
     chosen = filepath or settings.views_path
     if not chosen:
         raise ArmError("Choose an image or a folder of views first")
-    return GenerationRequest(
-        Path(bpy.path.abspath(chosen)),
-        elevation_deg=settings.elevation,
-        fovy_deg=settings.fovy,
-        rig_distance=settings.rig_distance,
-    )
+    return GenerationRequest(Path(bpy.path.abspath(chosen)), **panel_values(settings, ViewKnobs))
 
 
 def panel_weights(context: bpy.types.Context, request: GenerationRequest) -> tuple[float, ...] | None:
@@ -104,10 +94,8 @@ def from_result(context: bpy.types.Context) -> GenerationRequest:
     views: Path | tuple[CameraPicture, ...]
     views = Path(kept["views"]) if kept["views"] else _cameras(context, kept["cameras"])
     wanted = GenerationRequest(views, name=mesh.name, mesh=mesh, mesh_in_place=True, **_machine())
-    weights = panel_weights(context, wanted)
-    if weights is None and kept["weights"] is not None:
-        weights = tuple(kept["weights"])
-    return replace(wanted, weights=weights, **{name: kept[name] for name in PLAIN})
+    wanted = replace(wanted, **{one.name: kept[one.name] for one in _KEPT})
+    return replace(wanted, weights=panel_weights(context, wanted) or wanted.weights)
 
 
 def stored_settings(made: bpy.types.Object) -> dict[str, Any]:
@@ -117,8 +105,12 @@ def stored_settings(made: bpy.types.Object) -> dict[str, Any]:
         ArmError: it carries none that can be read.
     """
     try:
-        kept = ADDED_LATER | json.loads(made["arm_settings"])
-        missing = {"views", "cameras", "weights", *PLAIN} - kept.keys()
+        kept = json.loads(made["arm_settings"])
+        folder = kept.get("weights_folder", kept.get("own_weights"))
+        given = {"weights_folder": Path(folder) if folder else None}
+        given["weights"] = None if kept["weights"] is None else tuple(kept["weights"])
+        kept = {one.name: one.default for one in _KEPT} | kept | given
+        missing = {"views", "cameras", "preset"} - kept.keys()
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ArmError(f"{made.name}: carries no settings of ours; generate it anew") from error
     if missing:

@@ -2,13 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import torch
 from torch import Tensor
 
-from ...errors import ArmError
 from ...graphics.color import bytes_from_unit, composite, srgb_from_linear
+from ...knobs import DrawingKnobs, check
 from ...machine.interruptible import interruptible
 from ...progress import Progress, silent
 from .attention import predict
@@ -20,30 +19,17 @@ from .view_noise import ViewNoise, tiles
 BACKGROUNDS = {"grey": 127.0 / 255.0, "white": 1.0}
 """sRGB level behind the object, of the picture that goes in and of the views that come out."""
 
-MAXIMUM_STEPS = 1000
-"""The levels of the training: no more are told apart."""
-
 
 @dataclass(frozen=True)
-class Zero123PlusConfig:
+class Zero123PlusConfig(DrawingKnobs):
     """One run of the model."""
 
     model: Path
     """Folder of the weights, as diffusers saves a pipeline."""
     folder: Path
     """Where the six views go; what it already holds of them is replaced."""
-    steps: int = 28
-    """Of the sampler, 1 to 1000. Fewer leave views blurred; faces and fine patterns want 75."""
-    guidance: float = 4.0
-    """How far each step goes from a prediction without the picture beyond the one with it. Lower follows the picture
-    less, higher saturates the colours."""
-    background: Literal["grey", "white"] = "grey"
-    """What the weights were trained on: the published ones on grey, InstantMesh's on white. The other one ends in
-    views that cannot be cut out."""
     seed: int = 0
     """Of the views that are drawn. The same seed gives the same views on one machine."""
-    reseed: tuple[int, ...] = ()
-    """The views, 0 to 5, that are drawn anew with `seed` while those in the folder keep theirs; () draws all six."""
     device: str = "cpu"
     """Where the networks run."""
     threads: int | None = None
@@ -52,14 +38,7 @@ class Zero123PlusConfig:
     """Pixels a side of a view. The published network was trained on no other; a multiple of its scale of 8."""
 
     def __post_init__(self) -> None:
-        if not 1 <= self.steps <= MAXIMUM_STEPS:
-            raise ArmError(f"--multiview-steps {self.steps}: give 1 to {MAXIMUM_STEPS}")
-        if not 0.0 <= self.guidance <= 100.0:
-            raise ArmError(f"--multiview-guidance {self.guidance:g}: give 0 to 100")
-        if self.background not in BACKGROUNDS:
-            raise ArmError(f"--multiview-background {self.background}: choose one of {', '.join(BACKGROUNDS)}")
-        if not set(self.reseed) <= set(range(6)):
-            raise ArmError(f"--reseed {','.join(map(str, self.reseed))}: give views from 0 to 5")
+        check(self)
 
 
 @torch.inference_mode()

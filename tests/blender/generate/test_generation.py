@@ -114,5 +114,5 @@ def test_a_folder_of_own_weights_reaches_the_run(folder, tmp_path, monkeypatch, 
 
     monkeypatch.setattr(pipeline, "generate", stub)
     with pytest.raises(Cancelled):
-        generate(GenerationRequest(folder, own_weights=str(tmp_path) if own else None), silent)
+        generate(GenerationRequest(folder, weights_folder=tmp_path if own else None), silent)
     assert seen == [tmp_path if own else None]

@@ -110,8 +110,8 @@ def test_a_folder_of_own_weights_is_asked_for_apart_and_named_beside_its_result(
 
     assert "own_weights" not in drawn()["prop"]
     assert drawn(panels.ARM_PT_advanced)["prop"] == ["own_weights"]
-    for folder, named in ((None, False), ("gone/of mine/", True)):
-        built = build_object(asset, GenerationRequest(Path("cup"), own_weights=folder).as_settings())
+    for folder, named in ((None, False), (Path("gone/of mine/"), True)):
+        built = build_object(asset, GenerationRequest(Path("cup"), weights_folder=folder).as_settings())
         built["arm_frame"] = [1.0, 0.0, 0.0, 0.0]
         assert ("weights of of mine" in drawn(panels.ARM_PT_result)["label"]) is named
 

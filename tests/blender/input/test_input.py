@@ -174,7 +174,7 @@ def test_regenerating_asks_for_the_appearance_alone_and_changes_nothing_else(pan
     assert bpy.ops.arm.regenerate() == {"FINISHED"}
     again = answer[1]
     assert (again.quality, again.seed) == ("draft", 5), "what the object was made with"
-    assert answer[0].own_weights == again.own_weights == f"{six.parent}/"
+    assert answer[0].weights_folder == again.weights_folder == six.parent
     assert again.weights == (1.0, 1.0, 1.0, 1.0, 0.0, 1.0), "and what the panel says of its views"
     assert again.mesh_in_place
     # The stub's frame says that cameras see the ring twice as large around (1, 2, 3); the panel made it 1 m high.
@@ -206,8 +206,8 @@ def test_an_object_from_before_there_were_own_weights_is_made_anew_without(panel
     bpy.ops.arm.generate()
     made = bpy.context.object
     kept = json.loads(made["arm_settings"])
-    made["arm_settings"] = json.dumps({name: value for name, value in kept.items() if name != "own_weights"})
-    assert bpy.ops.arm.regenerate() == {"FINISHED"} and answer[1].own_weights is None
+    made["arm_settings"] = json.dumps({name: value for name, value in kept.items() if name != "weights_folder"})
+    assert bpy.ops.arm.regenerate() == {"FINISHED"} and answer[1].weights_folder is None
     panel.own_weights = str(six)
     assert bpy.ops.arm.recall() == {"FINISHED"} and panel.own_weights == ""
 
