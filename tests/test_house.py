@@ -25,7 +25,7 @@ FLOORS: list[set[str]] = [  # Of arm_blender: a room knows itself and those on l
     {"models.paper", "models.small"},
     {"weight_files"},
     {"views"},
-    {"quality_levels", "report"},
+    {"asset_record", "quality_levels", "report"},
     {"config", "export"},
     {"networks"},
     {"pipeline"},
@@ -205,7 +205,8 @@ def test_no_path_of_one_machine_is_written_down(module):
         assert place not in text
 
 
-LIGHT = ["arm_blender", "arm_blender.errors", "arm_blender.knobs", "arm_blender.__main__", "training.__main__"]
+LIGHT = ["arm_blender", "arm_blender.errors", "arm_blender.__main__", "training.__main__"]
+LIGHT += ["arm_blender.knobs", "arm_blender.asset_record"]  # Blender's main thread reads them.
 LIGHT += ["arm_blender.machine.library_install", "arm_blender.weight_files.folder"]  # Blender's preferences use them.
 LIGHT += ["arm_blender.commands.progress_line"]  # Shown before the seconds of importing torch are counted.
 

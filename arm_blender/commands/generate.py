@@ -9,11 +9,12 @@ import argparse
 import json
 import os
 import sys
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import run as run_of
+from ..asset_record import AssetRecord, chosen_values
 from ..errors import ArmError, InputImageError
 from ..knobs import DrawingKnobs, Knobs, ViewKnobs, knobs_of, values_of
 from ..machine.files import check_output
@@ -120,6 +121,7 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
     from ..uv.mesh_file import read_mesh
     from ..views import load_views
     from ..views.placement import on_the_ground
+    from ..views.scene_frame import IDENTITY
 
     settings, options, kinds = settings_of(args), view_options_of(args), formats_of(args)
 
@@ -135,11 +137,13 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
     own_mesh = None if args.mesh is None else lambda views: read_mesh(args.mesh)
     drawing = 0.6 if args.multiview != "none" else run_of.LOADING_SHARE
     asset = run_of.make(settings, read_views, own_mesh, part(progress, 0.0, 0.85), report, drawing)
+    frame = IDENTITY
     if args.place == "ground":
-        asset, _ = on_the_ground(asset)
+        asset, frame = on_the_ground(asset)
+    kept = _record(args, settings, options, [frame.scale, *frame.center.tolist()])
 
     def add_blender_files(stage: Path) -> None:
-        _write_blender_files(asset, stage, settings, args.preview, report, part(progress, 0.9, 0.99))
+        _write_blender_files(asset, stage, kept, args.preview, report, part(progress, 0.9, 0.99))
 
     files = write_asset(asset, report, args.output, part(progress, 0.85, 0.9), add_blender_files, kinds)
     return report, files
@@ -210,8 +214,18 @@ def view_options_of(args: argparse.Namespace) -> ViewOptions:
         raise UsageError(str(error)) from error
 
 
+def _record(args: argparse.Namespace, settings: Settings, options: ViewOptions, frame: list[float]) -> dict[str, Any]:
+    """What the .blend's object keeps of its run, to be recalled in Blender; `frame` as in `AssetRecord`."""
+    chosen, views = chosen_values(settings, options), args.views
+    if options.zero123plus is not None:  # Its views lie beside the result, with their cameras.
+        chosen["multiview"], views = "none", options.zero123plus.folder
+    mesh = None if args.mesh is None else args.mesh.stem
+    record = AssetRecord(chosen, views.absolute(), mesh=mesh, frame=tuple(frame))
+    return record.as_json(args.output.absolute())
+
+
 def _write_blender_files(
-    asset: RelightableAsset, stage: Path, settings: Settings, preview: bool, report: Report, progress: Progress
+    asset: RelightableAsset, stage: Path, kept: dict[str, Any], preview: bool, report: Report, progress: Progress
 ) -> None:
     """The .blend, and its preview where that is wanted; without bpy the report says that they are left out."""
     blend = stage / f"{asset.name}.blend"
@@ -225,7 +239,7 @@ def _write_blender_files(
             if preview:
                 report.leave_out("preview.png", NO_BPY)
             return
-        export.save_blend(asset, blend, asdict(settings))
+        export.save_blend(asset, blend, kept)
     if preview:
         progress(0.2, "rendering preview.png")
         with report.stage("preview"):

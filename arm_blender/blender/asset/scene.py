@@ -22,7 +22,8 @@ def build_object(
 
     Args:
         asset: mesh, atlas and maps.
-        settings: what it was made with; kept on the object as JSON (`arm_settings`, beside `arm_version`).
+        settings: what it was made with (`AssetRecord.as_json`), kept on the object as `arm_settings`, beside
+            `arm_version`.
         scene: where it goes; the scene of the context by default.
     """
     scene = bpy.context.scene if scene is None else scene
@@ -95,7 +96,7 @@ def replace_maps(shown: bpy.types.Object, maps: MaterialMaps, settings: Mapping[
 
 def _keep_settings(made: bpy.types.Object, settings: Mapping[str, object]) -> None:
     made["arm_version"] = VERSION
-    made["arm_settings"] = json.dumps(dict(settings), default=str)
+    made["arm_settings"] = json.dumps(dict(settings))
 
 
 def _select_alone(chosen: bpy.types.Object) -> None:

@@ -2,6 +2,7 @@
 
 import bpy
 
+from ...asset_record import AssetRecord
 from ...errors import ArmError
 from ...quality_levels import PRESET, measured_levels
 from ..input import request, view_list
@@ -98,14 +99,14 @@ class ARM_PT_result(_InSidebar, bpy.types.Panel):
         layout, shown = self.layout, context.object
         if shown.active_material is not None:
             layout.prop(shown.active_material, "arm_view")
-        if "arm_frame" not in shown:  # The command line made it: there is nothing to go back to.
-            return
         try:
-            _draw_report(layout, request.stored_settings(shown))
+            kept = request.stored_record(shown)
         except ArmError as error:
             _draw_error(layout, context, str(error))
             return
-        layout.operator("arm.regenerate", icon="FILE_REFRESH")
+        _draw_report(layout, kept)
+        if kept.frame is not None:  # Earlier versions of the command line kept neither frame nor views.
+            layout.operator("arm.regenerate", icon="FILE_REFRESH")
         layout.operator("arm.recall", icon="LOOP_BACK")
 
 
@@ -201,12 +202,12 @@ def _draw_measured(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup
     column.label(text=f"Color {level.psnr:.1f} dB", icon="BLANK1")
 
 
-def _draw_report(layout: bpy.types.UILayout, kept: dict) -> None:
-    report = kept.get("report", {})
+def _draw_report(layout: bpy.types.UILayout, kept: AssetRecord) -> None:
+    chosen, report = kept.chosen, kept.report or {}
     column = layout.column(align=True)
-    column.label(text=f"{kept['preset']}, {kept['quality']}, seed {kept['seed']}")
-    if kept["weights_folder"] is not None:
-        column.label(text=f"weights of {kept['weights_folder'].name}")
+    column.label(text=f"{chosen['preset']}, {chosen['quality']}, seed {chosen['seed']}")
+    if chosen["weights_folder"] is not None:
+        column.label(text=f"weights of {chosen['weights_folder'].name}")
     if report.get("faces") is not None:
         column.label(text=f"{report['faces']:,} faces, texture {report['texture_size']}")
     for stage, seconds in report.get("seconds", {}).items():

@@ -2,6 +2,7 @@
 
 import bpy
 
+from ...asset_record import AssetRecord
 from ...errors import ArmError
 from ...knobs import Knobs, ViewKnobs
 from ..input import request
@@ -26,8 +27,7 @@ class ARM_OT_recall(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
-            kept = request.stored_settings(context.object)
-            _recall(context, kept)
+            _recall(context, request.stored_record(context.object))
         except ArmError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -35,30 +35,30 @@ class ARM_OT_recall(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def _recall(context: bpy.types.Context, kept: dict) -> None:
-    """The panel's settings from those of a result; its views are listed with their ticks and weights."""
+def _recall(context: bpy.types.Context, kept: AssetRecord) -> None:
+    """The panel's settings from those of a result; its views, where they are known, with their ticks and weights."""
     settings = context.scene.arm
-    _fill_list(context, kept)  # First: choosing the views has them read, which keeps the ticks of a list that fits.
-    if kept["views"]:
-        settings.source, settings.views_path = "FILES", kept["views"]
-    else:
-        settings.source = "CAMERAS"
-    settings.shape = "MESH" if kept.get("mesh") else "NETWORK"
-    for declared in (Knobs, ViewKnobs):
-        set_panel(settings, declared, kept)
+    if kept.views is not None or kept.cameras is not None:
+        _fill_list(context, kept)  # First: choosing the views has them read, which keeps the ticks of a list that fits.
+        settings.source = "CAMERAS" if kept.views is None else "FILES"
+        if kept.views is not None:
+            settings.views_path = str(kept.views)
+        set_panel(settings, ViewKnobs, kept.chosen)
+    settings.shape = "NETWORK" if kept.mesh is None else "MESH"
+    set_panel(settings, Knobs, kept.chosen)
 
 
-def _fill_list(context: bpy.types.Context, kept: dict) -> None:
-    settings = context.scene.arm
+def _fill_list(context: bpy.types.Context, kept: AssetRecord) -> None:
+    settings, weights = context.scene.arm, kept.chosen["weights"]
     settings.views.clear()
     settings.views_of = ""
-    if kept["weights"] is None:
+    if weights is None:
         return
-    names = kept["cameras"] or [f"view {index}" for index in range(len(kept["weights"]))]
-    for name, weight in zip(names, kept["weights"], strict=False):
+    names = kept.cameras or [f"view {index}" for index in range(len(weights))]
+    for name, weight in zip(names, weights, strict=False):
         item = settings.views.add()
         item.name, item.use, item.weight = name, weight > 0.0, weight or 1.0
-    settings.views_of = request.path_key(kept["views"]) if kept["views"] else request.cameras_key(context)
+    settings.views_of = request.cameras_key(context) if kept.views is None else request.path_key(str(kept.views))
 
 
 classes = (ARM_OT_recall,)

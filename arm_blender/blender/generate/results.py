@@ -1,10 +1,12 @@
 """What becomes of a run's result in the open file."""
 
 from dataclasses import replace
+from typing import Any
 
 import bpy
 import torch
 
+from ...asset_record import AssetRecord
 from ...errors import ArmError
 from ...version import VERSION
 from ...views.placement import on_the_ground
@@ -12,16 +14,12 @@ from ...views.scene_frame import IDENTITY, SceneFrame
 from ..asset.asset_preview import mark_as_asset
 from ..asset.scene import build_object, replace_maps
 from ..input.generation_request import GenerationRequest
-from ..input.request import stored_settings
+from ..input.request import blend_folder, stored_record
 from .generation import Generated
 
 
 def add_result(context: bpy.types.Context, made: Generated, wanted: GenerationRequest) -> bpy.types.Object:
-    """Add the result as a new object, placed as the panel says; an own mesh's stays where that mesh is.
-
-    The object carries, besides what `build_object` keeps, `arm_frame`: scale and centre that bring its own coordinates
-    into the frame of the views' cameras.
-    """
+    """Add the result as a new object, placed as the panel says; an own mesh's stays where that mesh is."""
     settings = context.scene.arm
     asset, frame = made.asset, made.frame
     stood, location = IDENTITY, (0.0, 0.0, 0.0)
@@ -33,9 +31,8 @@ def add_result(context: bpy.types.Context, made: Generated, wanted: GenerationRe
         cursor = context.scene.cursor.location
         location = (cursor.x, cursor.y, 0.0)
     frame = SceneFrame(frame.restore(stood.center), frame.scale * stood.scale)  # First back to where it was.
-    created = build_object(asset, _settings(made, wanted))
+    created = build_object(asset, _kept(made, wanted.record([frame.scale, *frame.center.tolist()])))
     created.location = location
-    created["arm_frame"] = [frame.scale, *frame.center.tolist()]
     if settings.as_asset:
         mark_as_asset(created, asset)
     return created
@@ -54,13 +51,14 @@ def renew_appearance(name: str, made: Generated, wanted: GenerationRequest) -> N
         raise ArmError(f"{name}: was removed or renamed while its appearance was made; generate it anew")
     if len(shown.data.loops) - 2 * len(shown.data.polygons) != len(wanted.mesh.faces):  # Its triangles.
         raise ArmError(f"{name}: its mesh was changed while its appearance was made; regenerate it once more")
-    kept = stored_settings(shown)
-    first = {"mesh": kept.get("mesh"), "shape_report": kept.get("shape_report", kept.get("report"))}
-    replace_maps(shown, made.asset.maps, _settings(made, wanted) | first)
+    first = stored_record(shown)
+    kept = replace(wanted.record(first.frame), mesh=first.mesh, shape_report=first.shape_report or first.report)
+    replace_maps(shown, made.asset.maps, _kept(made, kept))
     if shown.asset_data is not None:
         mark_as_asset(shown, made.asset)
 
 
-def _settings(made: Generated, wanted: GenerationRequest) -> dict[str, object]:
+def _kept(made: Generated, record: AssetRecord) -> dict[str, Any]:
+    """A record with what made the result."""
     versions = {"arm": VERSION, "blender": bpy.app.version_string, "torch": str(torch.__version__)}
-    return wanted.as_settings() | {"report": made.report.as_dict(), "versions": versions}
+    return replace(record, report=made.report.as_dict(), versions=versions).as_json(blend_folder())

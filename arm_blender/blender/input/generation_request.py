@@ -5,11 +5,13 @@ Nor is torch imported here: Blender's main thread imports this module when the e
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ...knobs import Knobs, ViewKnobs, knobs_of, values_of
+from ...asset_record import AssetRecord, chosen_values
+from ...knobs import Knobs, ViewKnobs, values_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -76,14 +78,20 @@ class GenerationRequest(ViewKnobs, Knobs):
     device: str = field(default="auto", kw_only=True)
     """"cpu", "cuda" or "mps"; "auto" is CUDA where PyTorch finds it, else the CPU."""
 
-    def as_settings(self) -> dict[str, object]:
-        """What another run needs to be asked for the same, as JSON types; pictures and mesh by their names."""
-        cameras = None if isinstance(self.views, Path) else [picture.name for picture in self.views]
-        return {
-            "views": str(self.views) if cameras is None else None,
-            "cameras": cameras,
-            "mesh": None if self.mesh is None else self.mesh.name,
-        } | {one.name: getattr(self, one.name) for kind in (Knobs, ViewKnobs) for one in knobs_of(kind) if one.kept}
+    def record(self, frame: Sequence[float] | None) -> AssetRecord:
+        """What another run needs to be asked for the same; pictures of cameras and the mesh by their names.
+
+        Args:
+            frame: of the object that was made.
+        """
+        files = isinstance(self.views, Path)
+        return AssetRecord(
+            chosen_values(self, self),
+            views=self.views if files else None,
+            cameras=None if files else tuple(picture.name for picture in self.views),
+            mesh=None if self.mesh is None else self.mesh.name,
+            frame=None if frame is None else tuple(frame),
+        )
 
 
 def view_options(request: GenerationRequest) -> ViewOptions:

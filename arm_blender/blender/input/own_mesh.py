@@ -1,5 +1,7 @@
 """The mesh of an object, copied out of Blender for a run that makes its appearance only."""
 
+from collections.abc import Sequence
+
 import bpy
 import numpy as np
 
@@ -39,21 +41,23 @@ def selected_mesh(context: bpy.types.Context) -> OwnMesh:
     return OwnMesh(own.name, vertices, own.faces[:, ::-1], mirrored, origin)
 
 
-def mesh_of_result(context: bpy.types.Context) -> OwnMesh:
+def mesh_of_result(context: bpy.types.Context, frame: Sequence[float] | None) -> OwnMesh:
     """The active object's own mesh, in the frame of the cameras that it was made from.
 
     Its modifiers do not count: the atlas is that of the mesh itself.
 
+    Args:
+        frame: `AssetRecord.frame`; None where the object says none.
     Raises:
         ArmError: another mode than Object, no result of ours, or without its UVs.
     """
     chosen = _object_mode(context)
-    if "arm_frame" not in chosen:
+    if frame is None:
         raise ArmError(f"{chosen.name}: was not made by this panel; choose Selected Mesh to give it an appearance")
     own = _arrays(chosen.name, chosen.data)
     if own.corner_uvs is None:
         raise ArmError(f"{chosen.name}: its UVs are gone; choose Selected Mesh, which makes new ones")
-    scale, *center = chosen["arm_frame"]
+    scale, *center = frame
     return OwnMesh(own.name, own.vertices * scale + np.array(center), own.faces, own.corner_uvs)
 
 

@@ -29,13 +29,13 @@ def panel_values(settings: bpy.types.PropertyGroup, declared: type) -> dict[str,
 
 
 def set_panel(settings: bpy.types.PropertyGroup, declared: type, values: dict[str, Any]) -> None:
-    """Sets the panel to values of a class's knobs; what it cannot show becomes what stands for None there."""
+    """Sets the panel to values of a class's knobs; what it cannot show becomes what stands for None, or its default."""
     for one in knobs_of(declared):
         if one.shown is not None and one.name in values:
             value = values[one.name]
             if value is not None and one.shown.items:
                 value = str(value) if str(value) in [key for key, _, _ in one.shown.items] else None
-            value = one.shown.none if value is None else value
+            value = next((it for it in (value, one.shown.none, one.shown.default) if it is not None), None)
             if value is not None:
                 setattr(settings, one.shown.name or one.name, str(value) if one.kind is Path else value)
 

@@ -1,19 +1,17 @@
 """From the panel's settings, or from those that a result was made with, to a request."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import bpy
 
+from ...asset_record import AssetRecord, read_record
 from ...errors import ArmError
-from ...knobs import Knobs, ViewKnobs, knobs_of
+from ...knobs import Knobs, ViewKnobs
 from ..setup import runtime
 from .generation_request import CameraPicture, GenerationRequest
 from .panel_knobs import panel_values
-
-_KEPT = [one for kind in (Knobs, ViewKnobs) for one in knobs_of(kind) if one.kept]
 
 
 def from_panel(context: bpy.types.Context, filepath: str = "") -> GenerationRequest:
@@ -89,33 +87,27 @@ def from_result(context: bpy.types.Context) -> GenerationRequest:
     """
     from .own_mesh import mesh_of_result
 
-    mesh = mesh_of_result(context)
-    kept = stored_settings(context.object)
-    views: Path | tuple[CameraPicture, ...]
-    views = Path(kept["views"]) if kept["views"] else _cameras(context, kept["cameras"])
-    wanted = GenerationRequest(views, name=mesh.name, mesh=mesh, mesh_in_place=True, **_machine())
-    wanted = replace(wanted, **{one.name: kept[one.name] for one in _KEPT})
+    shown = context.object
+    kept = stored_record(shown) if shown is not None and "arm_settings" in shown else None
+    mesh = mesh_of_result(context, None if kept is None else kept.frame)
+    views: Path | tuple[CameraPicture, ...] = kept.views or _cameras(context, kept.cameras)
+    wanted = GenerationRequest(views, name=mesh.name, mesh=mesh, mesh_in_place=True, **kept.chosen, **_machine())
     return replace(wanted, weights=panel_weights(context, wanted) or wanted.weights)
 
 
-def stored_settings(made: bpy.types.Object) -> dict[str, Any]:
-    """The settings that a result carries: those of `GenerationRequest.as_settings`, `report` and `versions`.
+def stored_record(made: bpy.types.Object) -> AssetRecord:
+    """What a result says of how it was made, whichever version and whoever made it.
 
     Raises:
-        ArmError: it carries none that can be read.
+        ArmError: it says nothing that can be read.
     """
-    try:
-        kept = json.loads(made["arm_settings"])
-        folder = kept.get("weights_folder", kept.get("own_weights"))
-        given = {"weights_folder": Path(folder) if folder else None}
-        given["weights"] = None if kept["weights"] is None else tuple(kept["weights"])
-        kept = {one.name: one.default for one in _KEPT} | kept | given
-        missing = {"views", "cameras", "preset"} - kept.keys()
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise ArmError(f"{made.name}: carries no settings of ours; generate it anew") from error
-    if missing:
-        raise ArmError(f"{made.name}: its settings lack {', '.join(sorted(missing))}; generate it anew")
-    return kept
+    return read_record(made.name, made.get("arm_settings"), blend_folder(made.library), made.get("arm_frame"))
+
+
+def blend_folder(library: bpy.types.Library | None = None) -> Path | None:
+    """The folder of the open .blend, or of the one that something is linked from; None before it is saved."""
+    saved = bpy.data.filepath if library is None else bpy.path.abspath(library.filepath)
+    return Path(saved).parent if saved else None
 
 
 def _cameras(context: bpy.types.Context, names: list[str] | None) -> tuple[CameraPicture, ...]:

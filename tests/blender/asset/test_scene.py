@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -67,7 +66,7 @@ def test_a_degenerate_face_goes_without_shifting_the_uvs_of_the_others(make_mesh
 def test_the_object_stands_alone_selected_in_its_own_collection(asset, empty_file):
     bpy = empty_file
     bpy.ops.object.empty_add()
-    built = build_object(asset, {"seed": 3, "path": Path("mug.png")})
+    built = build_object(asset, {"seed": 3})
     assert [c.name for c in built.users_collection] == ["ring"]
     assert bpy.data.collections["ring"] in list(bpy.context.scene.collection.children)
     assert bpy.context.view_layer.objects.active == built

@@ -1,6 +1,8 @@
 """The panel shows what the chosen input needs and nothing else; the layout is a stand-in that remembers."""
 
+import json
 import types
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -111,8 +113,7 @@ def test_a_folder_of_own_weights_is_asked_for_apart_and_named_beside_its_result(
     assert "own_weights" not in drawn()["prop"]
     assert drawn(panels.ARM_PT_advanced)["prop"] == ["own_weights"]
     for folder, named in ((None, False), (Path("gone/of mine/"), True)):
-        built = build_object(asset, GenerationRequest(Path("cup"), weights_folder=folder).as_settings())
-        built["arm_frame"] = [1.0, 0.0, 0.0, 0.0]
+        build_object(asset, GenerationRequest(Path("cup"), weights_folder=folder).record(None).as_json(None))
         assert ("weights of of mine" in drawn(panels.ARM_PT_result)["label"]) is named
 
 
@@ -160,15 +161,17 @@ def test_a_long_error_is_shown_whole(settings):
     assert message.replace(" ", "") in "".join(labels).replace(" ", "")
 
 
-def test_a_result_is_described_and_one_of_the_command_line_only_switched(settings, asset):
+def test_a_result_is_described_and_recalled_and_made_anew_where_its_views_are_known(settings, asset):
     from arm_blender.blender.asset.scene import build_object
     from arm_blender.blender.input.generation_request import GenerationRequest
 
     report = {"faces": 576, "texture_size": 16, "seconds": {"shape": 1.25, "appearance": 2.0}}
-    built = build_object(asset, GenerationRequest(Path("cup"), quality="draft").as_settings() | {"report": report})
+    record = replace(GenerationRequest(Path("cup"), quality="draft").record(None), report=report)
+    built = build_object(asset, record.as_json(None))
     assert panels.ARM_PT_result.poll(bpy.context)
-    assert drawn(panels.ARM_PT_result)["prop"] == ["arm_view"] and not drawn(panels.ARM_PT_result)["operator"]
-    built["arm_frame"] = [1.0, 0.0, 0.0, 0.0]
+    seen = drawn(panels.ARM_PT_result)
+    assert seen["prop"] == ["arm_view"] and seen["operator"] == ["arm.recall"], "without a frame none of its views"
+    built["arm_settings"] = json.dumps(replace(record, frame=(1.0, 0.0, 0.0, 0.0)).as_json(None))
     seen = drawn(panels.ARM_PT_result)
     assert seen["operator"] == ["arm.regenerate", "arm.recall"]
     assert seen["label"] == ["small, draft, seed 0", "576 faces, texture 16", "shape: 1.2 s", "appearance: 2.0 s"]

@@ -1,5 +1,6 @@
 """What the user is refused: by the whole program, in one line with the remedy, and nothing in the scene is lost."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -121,11 +122,9 @@ def test_regenerating_what_is_no_result_is_one_line(panel):
 
 def test_missing_weights_are_said_for_regenerate_as_well(panel, picture, monkeypatch, tmp_path):
     """The file of the weights may go after the object was made; its appearance stays as it is."""
-    from arm_blender.blender.input import request
     from arm_blender.blender.input.generation_request import GenerationRequest
 
     cube = bpy.context.object
-    cube["arm_frame"] = [1.0, 0.0, 0.0, 0.0]
-    cube["arm_settings"] = request.json.dumps(GenerationRequest(picture).as_settings())
+    cube["arm_settings"] = json.dumps(GenerationRequest(picture).record((1.0, 0.0, 0.0, 0.0)).as_json(None))
     monkeypatch.setattr(Settings, "weights", lambda settings, name: tmp_path / "gone.safetensors")
     refused(bpy.ops.arm.regenerate, "gone.safetensors")

@@ -158,7 +158,9 @@ def test_an_own_mesh_is_handed_on_and_its_result_stays_in_its_place(panel, six, 
     bpy.context.view_layer.update()
     ring = [made.matrix_world @ vertex.co for vertex in made.data.vertices]
     assert max(vertex.x for vertex in ring) == pytest.approx(1.0, abs=1e-5), "and the surface is where the run put it"
-    assert list(made["arm_frame"]) == pytest.approx([2.0, 9.0, 2.0, 3.0])  # The stub's, around (4, 0, 0).
+    assert json.loads(made["arm_settings"])["frame"] == pytest.approx(
+        [2.0, 9.0, 2.0, 3.0]
+    )  # The stub's, around (4, 0, 0).
     assert made.asset_data is not None and "relightable" in made.asset_data.tags
     pixels = np.array(made.preview.image_pixels_float[:]).reshape(-1, 4)
     assert 0.1 < (pixels[:, 3] > 0.5).mean() < 0.9 and pixels[pixels[:, 3] > 0.5, :3].std() > 0.05
