@@ -14,6 +14,7 @@ import math
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from arm_blender.graphics.cameras import orbit_camera
@@ -33,7 +34,9 @@ MOST_PARTS = 2000
 """Parts that are compared, the largest first; more would take minutes."""
 
 
-def unwanted_shape(vertices: np.ndarray, faces: np.ndarray, loose: int, most_triangles: int | None) -> str | None:
+def unwanted_shape(
+    vertices: NDArray[np.float32], faces: NDArray[np.int64], loose: int, most_triangles: int | None
+) -> str | None:
     """Why the shape of an object is left out, None where it is not.
 
     Args:
@@ -53,7 +56,7 @@ def unwanted_shape(vertices: np.ndarray, faces: np.ndarray, loose: int, most_tri
     return None
 
 
-def unwanted_views(alpha: np.ndarray) -> str | None:
+def unwanted_views(alpha: NDArray[np.uint8]) -> str | None:
     """Why the rendered views (V, S, S) uint8 are left out, None where they are not."""
     least = int((alpha >= 128).sum(axis=(1, 2)).min())
     return f"sparse or tiny: {least} pixels in a view" if least < LEAST_PIXELS else None

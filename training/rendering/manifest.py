@@ -24,4 +24,4 @@ def read_manifest(data: Path | None) -> dict[str, list[dict[str, Any]]]:
         raise ArmError(f"{path}: not a readable manifest ({error}); give the data folder with --data") from error
     if not isinstance(manifest, dict) or not isinstance(manifest.get("objects"), list):
         raise ArmError(f"{path}: holds no list of objects; give the data folder with --data")
-    return {"textures": [], "hdris": []} | manifest
+    return {"textures": [], "hdris": [], **manifest}

@@ -9,12 +9,15 @@ import bpy
 import numpy as np
 import OpenImageIO as oiio
 import torch
+from numpy.typing import NDArray
 
 from arm_blender.blender.asset.studio import add_view_camera, aim_view_camera
 from arm_blender.blender.compat import use_cycles, use_exr
 from arm_blender.errors import ArmError
 from arm_blender.graphics.cameras import Camera, orbit_camera
 from arm_blender.graphics.color import bytes_from_unit, srgb_from_linear
+
+from .shards import Arrays
 
 logger = logging.getLogger(__name__)
 
@@ -77,7 +80,7 @@ def graphics_devices() -> str | None:
     return None
 
 
-def read_layers(path: Path) -> dict[str, np.ndarray]:
+def read_layers(path: Path) -> dict[str, NDArray[np.float32]]:
     """Channels of a multilayer EXR by `Layer.Channel`; Blender 5.0 and later write one part a pass."""
     file = oiio.ImageInput.open(str(path))
     if file is None:
@@ -86,6 +89,8 @@ def read_layers(path: Path) -> dict[str, np.ndarray]:
     while file.seek_subimage(part, 0):
         spec = file.spec()
         pixels = file.read_image(part, 0, 0, spec.nchannels, "float")
+        if pixels is None:
+            raise ArmError(f"{path}: cannot be read ({file.geterror()}); was the disk full?")
         for index, channel in enumerate(spec.channelnames):
             layers[".".join(channel.split(".")[-2:])] = pixels[..., index]
         part += 1
@@ -93,19 +98,19 @@ def read_layers(path: Path) -> dict[str, np.ndarray]:
     return layers
 
 
-def channels(layers: dict[str, np.ndarray], name: str, suffixes: str) -> np.ndarray:
+def channels(layers: dict[str, NDArray[np.float32]], name: str, suffixes: str) -> NDArray[np.float32]:
     """(H, W, C) of one pass, whichever of the equivalent suffixes this version of Blender wrote."""
     planes = [layers[f"{name}.{s}"] for s in suffixes if f"{name}.{s}" in layers]
     return np.stack(planes, axis=-1)
 
 
-def byte_image(values: np.ndarray, srgb: bool) -> np.ndarray:
+def byte_image(values: NDArray[np.float32], srgb: bool) -> NDArray[np.uint8]:
     """uint8 of [0, 1]; linear colours encoded to sRGB on the way where `srgb`."""
     image = torch.from_numpy(np.ascontiguousarray(values))
     return bytes_from_unit(srgb_from_linear(image) if srgb else image).numpy()
 
 
-def render_view(camera: Camera, scratch: Path) -> dict[str, np.ndarray]:
+def render_view(camera: Camera, scratch: Path) -> Arrays:
     """One view: rgba (H, W, 4) uint8 sRGB straight, albedo uint8 sRGB, roughness, metallic uint8, depth, normal."""
     aim_view_camera(bpy.context.scene, camera)
     bpy.context.scene.render.filepath = str(scratch / "view.exr")

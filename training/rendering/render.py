@@ -187,7 +187,8 @@ def _here(items: Sequence[Any], words: dict[str, Any], jobs: int) -> Iterator[tu
 def _render_views(assets: list[Asset], hdris: list[Path], args: argparse.Namespace, render: dict[str, Any]) -> int:
     """The evaluation's layout: a folder an object, as a user would bring it."""
     from .lighting_blender import blender_environments
-    from .render_blender import RenderConfig, render_evaluation_views
+    from .passes_blender import RenderConfig
+    from .render_blender import render_evaluation_views
 
     hdris, config = hdris or blender_environments(), RenderConfig(**render, gpu=not args.cpu)
     waiting = [asset for asset in assets if not (args.output / asset.key / "transforms.json").exists()]

@@ -16,6 +16,7 @@ from typing import Any, Literal
 import bpy
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from arm_blender.commands import interrupts
 from arm_blender.errors import ArmError
@@ -45,7 +46,7 @@ from .scene_blender import (
     triangles,
     vary_material,
 )
-from .shards import save_arrays
+from .shards import Arrays, save_arrays
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ def answer(item: dict[str, Any], words: dict[str, Any]) -> dict[str, Any]:
     hdris = [Path(path) for path in words["hdris"]] + (blender_environments() if words["own_hdris"] else [])
     blender = bpy.app.version_string  # It decides what a render looks like.
     record: dict[str, Any] = {"key": asset.key, "source": asset.source, "dropped": None, "blender": blender}
-    files: dict[str, dict[str, np.ndarray]] = {}
+    files: dict[str, Arrays] = {}
     rendering = 0.0
     try:
         with silenced(STDOUT):  # Blender prints a line for every view.
@@ -108,7 +109,7 @@ def answer(item: dict[str, Any], words: dict[str, Any]) -> dict[str, Any]:
 
 def render_rig(
     asset: Asset, hdris: list[Path], rig: int, render: RenderConfig, sample: SampleConfig
-) -> tuple[dict[str, dict[str, np.ndarray]], dict[str, Any], float]:
+) -> tuple[dict[str, Arrays], dict[str, Any], float]:
     """One object under one light: the arrays of its npz, what was drawn, the seconds of rendering.
 
     Raises:
@@ -142,7 +143,7 @@ def render_rig(
 
 def prepare_object(
     asset: Asset, rng: np.random.Generator, sample: SampleConfig, check: bool
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
     """Import and normalise one object, with its finish and its AOVs: vertices (N, 3) float32 world, faces (F, 3) int64.
 
     Args:
@@ -182,7 +183,7 @@ def illuminate(hdri: Path, rng: np.random.Generator) -> dict[str, float]:
     return {"rotation_deg": rotation_deg, "exposure": exposure}
 
 
-def render_views(cameras: tuple[Camera, ...], check: Callable[[], None] = lambda: None) -> list[dict[str, np.ndarray]]:
+def render_views(cameras: tuple[Camera, ...], check: Callable[[], None] = lambda: None) -> list[Arrays]:
     """The scene from every camera; `check` is called before each and may raise."""
     views = []
     with tempfile.TemporaryDirectory(dir=SCRATCH) as scratch:

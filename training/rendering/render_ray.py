@@ -38,7 +38,8 @@ def over_machines(
     except (ConnectionError, ValueError, RuntimeError) as error:
         raise ArmError(f"--ray {address}: no such cluster ({error}); start one with `ray start --head`") from error
     task = ray.remote(num_cpus=cpus, num_gpus=gpus, max_retries=RETRIES)(_answer)
-    waiting, running = iter(items), {}
+    waiting = iter(items)
+    running: dict[Any, Any] = {}  # Items by Ray's references to their answers.
     # Twice what runs at once: no machine waits, and a list of any length needs no memory.
     most = 2 * max(1, int(ray.cluster_resources().get("CPU", 1) / max(cpus, 1e-3)))
     try:

@@ -10,6 +10,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 from mathutils import Matrix, Vector
+from numpy.typing import NDArray
 
 from arm_blender.blender.compat import reason, shader_tree
 from arm_blender.errors import ArmError
@@ -72,7 +73,7 @@ def loose_points(objects: list[bpy.types.Object]) -> int:
     return count
 
 
-def triangles(objects: list[bpy.types.Object]) -> tuple[np.ndarray, np.ndarray]:
+def triangles(objects: list[bpy.types.Object]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
     """World-space triangles of the evaluated objects: vertices (N, 3) float32, faces (F, 3) int64."""
     depsgraph = bpy.context.evaluated_depsgraph_get()
     vertices, faces, offset = [], [], 0
@@ -117,7 +118,7 @@ def principled(material: bpy.types.Material) -> bpy.types.Node | None:
     return next((n for n in tree.nodes if n.type == "BSDF_PRINCIPLED"), None) if tree else None
 
 
-BEYOND_THE_BRDF = {
+BEYOND_THE_BRDF: dict[str, float | tuple[float, float, float, float]] = {
     "Transmission Weight": 0.0,
     "Coat Weight": 0.0,
     "Sheen Weight": 0.0,

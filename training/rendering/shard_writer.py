@@ -23,7 +23,7 @@ from arm_blender.errors import ArmError
 from arm_blender.machine.files import clear_unfinished, only_writer, whole_file, write_json
 from arm_blender.version import VERSION
 
-from .shards import INDEXES, read_index, read_indexes
+from .shards import INDEXES, Arrays, read_index, read_indexes
 
 CAMERA = (
     "OpenGL: c2w is camera to world, rigid, looks along -Z with +Y up; world right-handed, Z up, the object's longest "
@@ -85,9 +85,7 @@ def finished(output: Path) -> tuple[set[str], set[str]]:
     return packed, {path.stem for path in (output / PARTS).glob("[!.]*.json")}
 
 
-def save_part(
-    output: Path, record: dict[str, Any], files: dict[str, dict[str, np.ndarray]], seconds: dict[str, float]
-) -> None:
+def save_part(output: Path, record: dict[str, Any], files: dict[str, Arrays], seconds: dict[str, float]) -> None:
     """One object, rendered or dropped.
 
     Args:
@@ -126,7 +124,9 @@ def pack(output: Path, keys: Sequence[str]) -> Path | None:
                 for record in rendered:
                     with tarfile.open(parts / f"{record['key']}.tar") as part:
                         for member in part:
-                            _add(tar, member.name, part.extractfile(member).read())
+                            file = part.extractfile(member)
+                            assert file is not None  # `save_part` adds nothing but files.
+                            _add(tar, member.name, file.read())
             _locate(temporary, rendered)
             index |= {"sha256": checksum(temporary), "bytes": temporary.stat().st_size}
     # Last: only now is the shard read.
