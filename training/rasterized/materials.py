@@ -178,7 +178,7 @@ def random_material(textures: Sequence[TextureSet], generator: torch.Generator) 
 
 def random_substance(kind: str, generator: torch.Generator) -> Procedural:
     """A procedural material of one of `LABELS`."""
-    metallic, low, high, spread, kinds = {
+    substances: dict[str, tuple[float, float, float, float, tuple[Kind, ...]]] = {
         "metal": (1.0, 0.05, 0.6, 0.15, ("even", "noise")),
         "plastic": (0.0, 0.15, 0.7, 0.1, ("even", "even", "checks")),
         "fabric": (0.0, 0.75, 1.0, 0.1, ("checks", "waves", "noise")),
@@ -186,7 +186,8 @@ def random_substance(kind: str, generator: torch.Generator) -> Procedural:
         "stone": (0.0, 0.3, 0.95, 0.2, ("noise",)),
         "rubber": (0.0, 0.6, 1.0, 0.05, ("even",)),
         "varnish": (0.0, 0.0, 0.3, 0.05, ("even", "waves")),
-    }[kind]
+    }
+    metallic, low, high, spread, kinds = substances[kind]
     color = torch.rand(2, 3, generator=generator)
     if kind == "metal":
         base = torch.tensor(METALS[_index(len(METALS), generator)])

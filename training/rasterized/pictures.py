@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
@@ -65,7 +64,7 @@ def read_library(data: Path | None, environments: Path | None = None) -> Library
 
 def random_rig(
     surface: Surface, library: Library, size: int, generator: torch.Generator, views: int = 10
-) -> dict[str, np.ndarray]:
+) -> shards.Arrays:
     """One rig of a surface under random materials and light; the same generator gives the same rig.
 
     Args:
@@ -80,7 +79,7 @@ def random_rig(
 
 
 @torch.no_grad()
-def rig_of(surface: Surface, views: Sequence[Camera], finish: Finish, lighting: Lighting) -> dict[str, np.ndarray]:
+def rig_of(surface: Surface, views: Sequence[Camera], finish: Finish, lighting: Lighting) -> shards.Arrays:
     """The arrays of a rig: V views of one size of a surface."""
     size = views[0].height
     fragments = rasterize_views(surface.vertices, surface.faces, views)
@@ -134,10 +133,12 @@ def points_in_views(
         # As in Cycles both sides of a face are the outside. The face tells, for a smooth normal may tip at an outline.
         behind = (flat[face] * (eye - corner[face])).sum(dim=1, keepdim=True) < 0.0
         lit = corners + len(surface.vertices) * behind
-        rows = (
-            torch.cat([place[corners[:, k]], light.irradiance[lit[:, k]], light.open[lit[:, k]]], 1) for k in range(3)
+        a, b, c = (
+            weights[:, k, None]
+            * torch.cat([place[corners[:, k]], light.irradiance[lit[:, k]], light.open[lit[:, k]]], 1)
+            for k in range(3)
         )
-        return sum(weights[:, k, None] * row for k, row in enumerate(rows)), behind
+        return a + b + c, behind
 
     found, behind = in_pieces(mixed, face, weights, eye)
     point, normal, irradiance, seen = found.split((3, 3, 3, 9), dim=1)

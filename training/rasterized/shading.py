@@ -124,9 +124,8 @@ def _sunlight(points: SurfacePoints, surface: Surface, sun: Sun) -> Tensor:
     point, normal = points.point[facing], points.normal[facing]
     cameras = [sky_camera(direction) for direction in _spread(sun)]
     depth = rasterize_views(surface.vertices, surface.faces, cameras).depth
-    share = sum(
-        unshadowed(point, normal, d, camera).float() for d, camera in zip(depth, cameras, strict=True)
-    ) / len(cameras)  # fmt: skip
+    lit = [unshadowed(point, normal, d, camera) for d, camera in zip(depth, cameras, strict=True)]
+    share = torch.stack(lit).sum(dim=0) / len(cameras)
     reached = (share > 0.0).nonzero()[:, 0]
     facing, share = facing[reached], share[reached]
     albedo, roughness, metallic = points.values[facing].split((3, 1, 1), dim=1)
