@@ -1,9 +1,10 @@
 """How the blocks that a network repeats are run in training: with their activations kept or not, compiled or not."""
 
+from collections.abc import Callable
 from functools import partial
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 from torch.utils.checkpoint import checkpoint
 
 from arm_blender.models.image_encoder import ModulatedBlock
@@ -29,7 +30,7 @@ def recompute(model: nn.Module) -> None:
         block.forward = partial(_again, block.forward)
 
 
-def _again(forward, *inputs):
+def _again(forward: Callable[..., Tensor], *inputs: Tensor) -> Tensor:
     if not torch.is_grad_enabled():
         return forward(*inputs)
     return checkpoint(forward, *inputs, use_reentrant=False)

@@ -5,10 +5,15 @@ under the Apache licence, compared layer by layer as LPIPS compares VGG's (Zhang
 without learned heads). It is not LPIPS: no head was fitted to people's judgements, and its numbers are its own.
 """
 
+from typing import TYPE_CHECKING
+
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from arm_blender.errors import ArmError
+
+if TYPE_CHECKING:
+    from efficientnet_lite_pytorch import EfficientNet
 
 LAYERS = (0, 2, 4, 10, 15)
 """Blocks whose outputs are compared: the last ones at strides 2, 4, 8, 16 and 32."""
@@ -24,7 +29,7 @@ class FeatureDistance:
         network: an `EfficientNet` of the package, with its weights.
     """
 
-    def __init__(self, network: nn.Module) -> None:
+    def __init__(self, network: "EfficientNet") -> None:
         self.network = network.requires_grad_(False).eval()
 
     @classmethod

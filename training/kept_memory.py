@@ -40,7 +40,7 @@ def kept_by(model: nn.Module) -> Iterator[Kept]:
     found = Kept()
     found._weights = {_storage(parameter) for parameter in model.parameters()}
 
-    def input_of(module: nn.Module, inputs: tuple) -> None:
+    def input_of(module: nn.Module, inputs: tuple[Tensor, ...]) -> None:
         if torch.is_grad_enabled():
             for x in inputs:
                 found.add(x)

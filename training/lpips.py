@@ -52,7 +52,7 @@ class Lpips:
         """Raises KeyError where a weight is missing."""
         self.trunk = next((t for t in _TRUNKS if f"net.slice5.{t.stages[4][0][0]}.weight" in state), _TRUNKS[0])
         self.convolutions = [
-            [(state[f"net.slice{k}.{i}.weight"], state[f"net.slice{k}.{i}.bias"], *how) for i, *how in stage]
+            [(state[f"net.slice{k}.{i}.weight"], state[f"net.slice{k}.{i}.bias"], step, pad) for i, step, pad in stage]
             for k, stage in enumerate(self.trunk.stages, start=1)
         ]
         self.heads = [state[f"lin{k}.model.1.weight"] for k in range(5)]

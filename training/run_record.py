@@ -6,7 +6,7 @@ import platform
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy
 import torch
@@ -19,6 +19,9 @@ from arm_blender.machine.files import check_output, whole_file, write_json
 from arm_blender.version import VERSION
 
 from . import distributed
+
+if TYPE_CHECKING:  # It brings a package that need not be installed.
+    from torch.utils.tensorboard import SummaryWriter
 
 logger = logging.getLogger(__name__)
 
@@ -38,7 +41,7 @@ class RunRecord:
     def __init__(self, folder: Path | None, arguments: Mapping[str, Any] | None = None) -> None:
         self.folder = folder
         self._line = ProgressLine(sys.stderr) if sys.stderr.isatty() else None
-        self._events = None
+        self._events: SummaryWriter | Literal[False] | None = None
         self._purge = 0
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
@@ -80,8 +83,8 @@ class RunRecord:
             writer.writerows([_COLUMNS] if new else [])
             writer.writerows([step, kind, name, repr(value)] for name, value in numbers.items())
         for name, value in numbers.items():
-            if self._writer():
-                self._writer().add_scalar(f"{kind}/{name}", value, step)
+            if events := self._writer():
+                events.add_scalar(f"{kind}/{name}", value, step)
 
     def picture(self, step: int, picture: Tensor) -> None:
         """(3, H, W) in [0, 1] as `validation.png`, which the next one replaces, and to TensorBoard, which keeps all."""
@@ -89,8 +92,8 @@ class RunRecord:
             return
         with whole_file(self.folder / "validation.png") as temporary:
             Image.fromarray(bytes_from_unit(picture.cpu()).permute(1, 2, 0).contiguous().numpy()).save(temporary)
-        if self._writer():
-            self._writer().add_image("validation", picture, step)
+        if events := self._writer():
+            events.add_image("validation", picture, step)
 
     def show(self, fraction: float, message: str) -> None:
         """How far the run is, on a terminal."""
@@ -110,7 +113,7 @@ class RunRecord:
         if self._events:
             self._events.close()
 
-    def _writer(self) -> Any:
+    def _writer(self) -> "SummaryWriter | Literal[False]":
         """TensorBoard's, made when it is first needed; False where the package is not installed."""
         if self._events is None:
             try:

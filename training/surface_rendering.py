@@ -62,7 +62,8 @@ def iso_surface(field: RawDensity, resolution: int, device: torch.device) -> Sur
     ends = torch.cat([edges.a, edges.b])
     raw = torch.cat([checkpoint(values, part, use_reentrant=False) for part in ends.split(POINTS_AT_ONCE)])
     # An end that rounding has put on the other side meanwhile: the vertex stays on its edge.
-    vertices = vertices_from_densities(edges.a, edges.b, *raw.float().chunk(2), 0.0)
+    a, b = raw.float().chunk(2)
+    vertices = vertices_from_densities(edges.a, edges.b, a, b, 0.0)
     return Surface(vertices, edges.faces)
 
 
@@ -78,5 +79,5 @@ def surface_maps(surface: Surface, cameras: Sequence[Camera]) -> SurfaceMaps:
         depth = torch.where(own.mask, own.depth, 0.0)
         sharp = torch.cat([own.mask[None].to(depth.dtype), depth[None], normal])  # (5, H, W)
         views.append(antialias(sharp, vertices, faces, own, camera))
-    mask, depth, *normal = torch.stack(views).unbind(dim=1)
-    return SurfaceMaps(mask, depth, torch.stack(normal, dim=1))
+    maps = torch.stack(views)
+    return SurfaceMaps(maps[:, 0], maps[:, 1], maps[:, 2:])
