@@ -2,9 +2,16 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import torch
 from torch import Tensor, nn
+
+Inputs = tuple[tuple[Tensor, ...], dict[str, Any]]
+"""What a layer is called with."""
+
+Hook = Callable[[nn.Module, tuple[Tensor, ...], dict[str, Any]], Inputs | None]
+"""Called before a layer, with it and its inputs; it may give others in their place."""
 
 _SELF_ATTENTION = "attn1"
 """What diffusers calls the self-attention of a transformer block; `attn2` is the one to the prompt."""
@@ -32,10 +39,10 @@ def predict(unet: nn.Module, sample: Tensor, reference: Tensor, timestep: Tensor
         raise ValueError(f"sample, reference and prompt must be of one batch, got {batches}")
     kept: dict[nn.Module, Tensor] = {}
 
-    def keep(attention: nn.Module, args: tuple, kwargs: dict) -> None:
+    def keep(attention: nn.Module, args: tuple[Tensor, ...], kwargs: dict[str, Any]) -> None:
         kept[attention] = args[0]
 
-    def extend(attention: nn.Module, args: tuple, kwargs: dict) -> tuple[tuple, dict]:
+    def extend(attention: nn.Module, args: tuple[Tensor, ...], kwargs: dict[str, Any]) -> Inputs:
         # Popped: the tokens of the layers behind us need no memory any more.
         context = torch.cat([args[0], kept.pop(attention)], dim=1)
         return args, kwargs | {"encoder_hidden_states": context}
@@ -47,7 +54,7 @@ def predict(unet: nn.Module, sample: Tensor, reference: Tensor, timestep: Tensor
 
 
 @contextmanager
-def _self_attention_hook(unet: nn.Module, hook: Callable) -> Iterator[None]:
+def _self_attention_hook(unet: nn.Module, hook: Hook) -> Iterator[None]:
     """Calls `hook` before each self-attention of `unet`, inside the block only."""
     layers = [layer for name, layer in unet.named_modules() if name.rpartition(".")[2] == _SELF_ATTENTION]
     if not layers:

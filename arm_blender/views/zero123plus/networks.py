@@ -60,8 +60,8 @@ class Networks:
         noise: the training's noise levels.
     """
 
-    unet: nn.Module
-    vae: nn.Module
+    unet: Any  # Of diffusers' classes a type checker finds a stand-in only.
+    vae: Any
     vision_encoder: nn.Module
     text_encoder: nn.Module
     empty_prompt: Tensor
