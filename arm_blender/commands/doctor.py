@@ -60,6 +60,7 @@ def _print_torch_and_weights() -> int:
 
     from ..errors import CheckpointError
     from ..weight_files import checkpoints
+    from ..weight_files.registry import REGISTRY
 
     devices = ["cpu"]
     if torch.cuda.is_available():
@@ -68,7 +69,7 @@ def _print_torch_and_weights() -> int:
         devices.append("mps")
     print(f"{'devices':<20} {', '.join(devices)}; {torch.get_num_threads()} threads")
     missing = 0
-    for weights in checkpoints.REGISTRY:
+    for weights in REGISTRY:
         path = checkpoints.shipped(weights.name)
         state = "installed" if path.is_file() else f"missing; {weights.remedy}"
         if path.is_file() and path.suffix == checkpoints.SUFFIX:

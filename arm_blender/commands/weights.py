@@ -43,8 +43,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _list(args: argparse.Namespace) -> int:
     from ..weight_files import checkpoints
+    from ..weight_files.registry import REGISTRY
 
-    for weights in checkpoints.REGISTRY:
+    for weights in REGISTRY:
         path, condition = checkpoints.shipped(weights.name), checkpoints.condition(weights.name)
         size = f"{path.stat().st_size / 2**20:.1f} MiB" if path.is_file() else weights.download or "-"
         print(f"{weights.name:<22} {condition:<13} {size:>18}  {weights.licence:<16} {weights.enables}")
@@ -54,8 +55,9 @@ def _list(args: argparse.Namespace) -> int:
 
 def _verify(args: argparse.Namespace) -> int:
     from ..weight_files import checkpoints
+    from ..weight_files.registry import REGISTRY
 
-    known = [weights.name for weights in checkpoints.REGISTRY]
+    known = [weights.name for weights in REGISTRY]
     names = args.names or [name for name in known if checkpoints.shipped(name).is_file()]
     if not names:
         raise CheckpointError(f"{FOLDER}: no weights are installed; install the project again")

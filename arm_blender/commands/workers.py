@@ -36,6 +36,9 @@ _START = (
 Answer = dict[str, Any] | None
 """What a worker made of an item; None where its process died over it."""
 
+Ended = tuple[Any, Answer] | BaseException
+"""An item with the answer to it, or what ended a foreman."""
+
 
 def side_by_side(items: Sequence[Any], jobs: int, module: str, words: dict[str, Any]) -> Iterator[tuple[Any, Answer]]:
     """Each item with the answer to it, in the order in which they end.
@@ -52,7 +55,7 @@ def side_by_side(items: Sequence[Any], jobs: int, module: str, words: dict[str, 
     waiting: SimpleQueue[Any] = SimpleQueue()
     for item in items:
         waiting.put(item)
-    ended: SimpleQueue[tuple[Any, Answer] | BaseException] = SimpleQueue()
+    ended: SimpleQueue[Ended] = SimpleQueue()
     count = min(jobs, len(items))
     crew = [_Foreman(waiting, ended, command(module, words), threads_of_each(count)) for _ in range(count)]
     try:
@@ -80,11 +83,11 @@ def threads_of_each(processes: int) -> int:
 class _Foreman(threading.Thread):
     """Hands items to one worker after another, and waits for each answer."""
 
-    def __init__(self, waiting: SimpleQueue, ended: SimpleQueue, command: list[str], threads: int) -> None:
+    def __init__(self, waiting: SimpleQueue[Any], ended: SimpleQueue[Ended], command: list[str], threads: int) -> None:
         super().__init__(daemon=True)
         self._waiting, self._ended, self._command = waiting, ended, command
         self._environment = os.environ | {"OMP_NUM_THREADS": str(threads)}
-        self._worker: subprocess.Popen | None = None
+        self._worker: subprocess.Popen[bytes] | None = None
         self._stopped = False
         self._hiring = threading.Lock()
 
@@ -99,6 +102,7 @@ class _Foreman(threading.Thread):
             self._ended.put(error)
         finally:
             if self._worker is not None:
+                assert self._worker.stdin is not None  # `_answer` gives it one.
                 with suppress(OSError):
                     self._worker.stdin.close()  # The end of its input: an idle worker leaves.
                 self._worker.wait()
@@ -123,10 +127,12 @@ class _Foreman(threading.Thread):
                 self._worker = subprocess.Popen(
                     self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=self._environment
                 )
+        requests, answers = self._worker.stdin, self._worker.stdout
+        assert requests is not None and answers is not None  # Both are pipes.
         try:
-            pickle.dump(item, self._worker.stdin)
-            self._worker.stdin.flush()
-            for line in self._worker.stdout:
+            pickle.dump(item, requests)
+            requests.flush()
+            for line in answers:
                 text = line.decode("utf-8", "replace")
                 if text.startswith(_MARK):
                     return json.loads(text.removeprefix(_MARK))
@@ -186,7 +192,7 @@ def serve(module: str, words: bytes) -> None:
         answers.flush()
 
 
-def _listen(requests: SimpleQueue) -> None:
+def _listen(requests: SimpleQueue[Any]) -> None:
     """Reads requests ahead of the work, so that the end of the input is noticed during the work."""
     # Not `sys.stdin`: while a thread waits for it, Python cannot end in peace.
     source = os.fdopen(os.dup(0), "rb")
