@@ -3,6 +3,7 @@
 import bpy
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from ...graphics.color import srgb_from_linear
 from ...graphics.raster.rasterize import interpolate, rasterize
@@ -26,7 +27,7 @@ def mark_as_asset(made: bpy.types.Object, asset: RelightableAsset) -> None:
 
 
 @torch.inference_mode()
-def picture(asset: RelightableAsset) -> np.ndarray:
+def picture(asset: RelightableAsset) -> NDArray[np.float32]:
     """(SIDE, SIDE, 4) sRGB with straight alpha: the baked colour, seen from the front, right and above."""
     vertices = asset.mesh.vertices
     low, high = vertices.amin(dim=0), vertices.amax(dim=0)

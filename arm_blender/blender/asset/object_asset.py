@@ -1,8 +1,11 @@
 """An object of the open file as an asset again: what `build_object` made, with whatever the user did to it since."""
 
+from typing import Any
+
 import bpy
 import numpy as np
 import torch
+from numpy.typing import DTypeLike, NDArray
 from torch import Tensor
 
 from ...errors import ArmError, EmptyMeshError
@@ -50,7 +53,7 @@ def _mesh(source: bpy.types.Object) -> UvMesh:
     )
 
 
-def _read(collection: bpy.types.bpy_prop_collection, name: str, width: int, kind: type) -> np.ndarray:
+def _read(collection: bpy.types.bpy_prop_collection, name: str, width: int, kind: DTypeLike) -> NDArray[Any]:
     """(N, width) of a property of all elements."""
     flat = np.empty(len(collection) * width, dtype=kind)
     collection.foreach_get(name, flat)
@@ -59,14 +62,13 @@ def _read(collection: bpy.types.bpy_prop_collection, name: str, width: int, kind
 
 def _maps(source: bpy.types.Object) -> MaterialMaps:
     tree = source.active_material.node_tree if source.active_material is not None else None
-    surface = next((node for node in tree.nodes if node.type == "BSDF_PRINCIPLED"), None) if tree is not None else None
+    nodes = list(tree.nodes) if tree is not None else []
+    surface = next((node for node in nodes if node.type == "BSDF_PRINCIPLED"), None)
     if surface is None:
         raise ArmError(f"{source.name}: has no material with a Principled BSDF; generate it, or give it one")
     albedo = _map(surface, "Base Color", 3)
     # The colour with the lighting of the views is at hand as a node that is linked to nothing.
-    loose = [
-        n for n in tree.nodes if n.type == "TEX_IMAGE" and n.image is not None and not n.outputs["Color"].is_linked
-    ]
+    loose = [n for n in nodes if n.type == "TEX_IMAGE" and n.image is not None and not n.outputs["Color"].is_linked]
     baked = next((node for node in loose if node.name.startswith("Baked")), None)
     return MaterialMaps(
         albedo,

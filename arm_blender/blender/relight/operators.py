@@ -99,7 +99,7 @@ class ARM_OT_relight(bpy.types.Operator):
         settings = context.scene.arm_relight
         self._source = context.active_object.name
         self._output = _folder(settings.output)
-        self._done = []
+        self._done: list[Path] = []
         self._config = RelightConfig(
             settings.engine,
             settings.resolution,

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from numpy.typing import NDArray
 
 BACKDROP = 0.82
 """sRGB grey behind the object."""
@@ -26,7 +27,7 @@ def write_sheet(path: Path, columns: Sequence[Sequence[Path]]) -> None:
     _write_pixels(path, sheet)
 
 
-def _read_pixels(path: Path) -> np.ndarray:
+def _read_pixels(path: Path) -> NDArray[np.float32]:
     """(H, W, 4) float32 of a picture as it is stored, bottom row first."""
     image = bpy.data.images.load(str(path), check_existing=False)
     try:
@@ -37,7 +38,7 @@ def _read_pixels(path: Path) -> np.ndarray:
         bpy.data.images.remove(image)
 
 
-def _write_pixels(path: Path, pixels: np.ndarray) -> None:
+def _write_pixels(path: Path, pixels: NDArray[np.float32]) -> None:
     """Write (H, W, 4) in [0, 1], bottom row first, as an 8-bit PNG."""
     height, width = pixels.shape[:2]
     image = bpy.data.images.new("sheet", width, height, alpha=True)

@@ -20,7 +20,7 @@ _TICK = 0.2
 _PATIENCE = 10.0
 """Seconds that disabling the extension waits for the thread."""
 
-_job: Job | None = None
+_job: Job[Any] | None = None
 _done: Callable[[Any], None] | None = None
 _fraction, _message, _error = 0.0, "", ""
 
@@ -78,10 +78,11 @@ def stop() -> None:
 def _tick() -> float | None:
     """Look at the job; the seconds until the next look, or None after its end."""
     global _job, _fraction, _message, _error
-    report = _job.latest()
+    job, done = _job, _done
+    assert job is not None and done is not None  # `start` sets both, and without a job no timer runs.
+    report = job.latest()
     if report is not None:
         _fraction, _message = report
-    job = _job
     if job.finished:
         _job = None
         if job.failure is not None:
@@ -90,7 +91,7 @@ def _tick() -> float | None:
         elif job.error is not None:
             _error = "" if isinstance(job.error, Cancelled) else str(job.error)
         else:
-            _done(job.result)
+            done(job.result)
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.type in ("PREFERENCES", "VIEW_3D"):

@@ -1,7 +1,9 @@
 """The buttons of the preferences: install libraries, bring weights. Thin wrappers: the work is done elsewhere."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import bpy
 from bpy.props import EnumProperty, StringProperty
@@ -49,6 +51,10 @@ def weights() -> tuple[WeightsRow, ...] | None:
 
 
 class _WhileIdle:
+    # Of `bpy.types.Operator`, which every operator that takes this in is besides.
+    poll_message_set: ClassVar[Callable[[str], None]]
+    report: Callable[[set[str], str], None]
+
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         if background.progress() is not None:
@@ -98,8 +104,8 @@ class ARM_OT_install_libraries(_WhileOnline, bpy.types.Operator):
         libraries, cache = user_folder("libraries"), user_folder("cache")
 
         def done(folder: Path) -> None:
-            if extra == runtime.TORCH and preferences() is not None:
-                preferences().pytorch_source = "INSTALLED"
+            if extra == runtime.TORCH and (stored := preferences()) is not None:
+                stored.pytorch_source = "INSTALLED"
 
         background.start(lambda progress: library_install.install(lock, libraries, progress, cache), done)
         return self._concluded()
@@ -123,8 +129,9 @@ class ARM_OT_remove_libraries(_WhileIdle, bpy.types.Operator):
         except ArmError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        if self.extra == runtime.TORCH and preferences().pytorch_source == "INSTALLED":
-            preferences().pytorch_source = "BUNDLED"
+        stored = preferences()
+        if self.extra == runtime.TORCH and stored is not None and stored.pytorch_source == "INSTALLED":
+            stored.pytorch_source = "BUNDLED"
         return {"FINISHED"}
 
 
@@ -230,10 +237,11 @@ def _read_weights(progress: Progress) -> tuple[WeightsRow, ...]:
     """Look at every file of the registry. Runs on a thread: files are read whole, and PyTorch is imported."""
     progress(0.0, "Looking at the weights")
     from ...weight_files import checkpoints
+    from ...weight_files.registry import REGISTRY
 
     rows = []
-    for index, entry in enumerate(checkpoints.REGISTRY):
-        progress(index / len(checkpoints.REGISTRY), f"Checking {entry.name}")
+    for index, entry in enumerate(REGISTRY):
+        progress(index / len(REGISTRY), f"Checking {entry.name}")
         path, condition = str(checkpoints.shipped(entry.name)), checkpoints.condition(entry.name)
         row = (entry.name, condition, entry.licence, entry.enables, path, entry.remedy, entry.download)
         rows.append(WeightsRow(*row))
