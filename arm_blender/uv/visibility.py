@@ -9,7 +9,7 @@ from torch.nn import functional
 
 from ..graphics.cameras import Camera, project
 from ..graphics.raster.rasterize import rasterize
-from ..structures import UvMesh
+from ..structures import TriangleMesh, UvMesh
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class DepthBuffer:
     deepest: Tensor
 
     @classmethod
-    def of(cls, mesh: UvMesh, camera: Camera, resolution: int, margin: float) -> "DepthBuffer":
+    def of(cls, mesh: TriangleMesh | UvMesh, camera: Camera, resolution: int, margin: float) -> "DepthBuffer":
         """Drawn with `resolution` pixels on its longer side; `margin` is the radius in pixels of `camera`."""
         scale = resolution / max(camera.width, camera.height)
         sized = camera.resized(max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))
