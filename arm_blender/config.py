@@ -14,7 +14,9 @@ from .models.paper import reconstruction
 from .models.paper.instant_albedo import PAPER as PAPER_ALBEDO
 from .models.paper.reconstruction import ReconstructionConfig
 from .models.small.instant_albedo import SMALL as SMALL_ALBEDO
+from .models.small.mixed_glossyrm import MixedGlossyRMConfig
 from .models.small.ray_occupancy import RayOccupancyConfig
+from .models.small.volume_georm import VolumeGeoRMConfig
 from .weight_files import checkpoints
 
 _NETWORKS = ("georm", "glossyrm", "instant_albedo", "ray_occupancy")
@@ -29,8 +31,8 @@ FEW_VIEWS = 2
 class Preset:
     """The configs of the networks that belong together."""
 
-    georm: ReconstructionConfig
-    glossyrm: ReconstructionConfig
+    georm: ReconstructionConfig | VolumeGeoRMConfig
+    glossyrm: ReconstructionConfig | MixedGlossyRMConfig
     instant_albedo: AtlasNetworkConfig
     ray_occupancy: RayOccupancyConfig | None = None
     """Makes the shape in GeoRM's place where there are too few views to compare; None leaves it to GeoRM."""
@@ -53,8 +55,8 @@ class Preset:
 
 PRESETS: dict[str, Preset] = {
     "small": Preset(
-        reconstruction.SMALL,
-        reconstruction.SMALL_GLOSSY,
+        VolumeGeoRMConfig(),
+        MixedGlossyRMConfig(),
         SMALL_ALBEDO,
         RayOccupancyConfig(),
         # Its volume has cells of 0.04, whose steps show, and its surface lies inside of the outlines by a little.
@@ -64,7 +66,7 @@ PRESETS: dict[str, Preset] = {
     # InstantMesh has no networks of the material, and those of `small` need to know nothing of the shape's.
     "instantmesh": Preset(
         reconstruction.INSTANTMESH,
-        reconstruction.SMALL_GLOSSY,
+        MixedGlossyRMConfig(),
         SMALL_ALBEDO,
         material="small",
     ),

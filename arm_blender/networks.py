@@ -23,14 +23,16 @@ from .models.paper.instant_albedo import PaperInstantAlbedo
 from .models.paper.reconstruction import ReconstructionConfig
 from .models.random_weights import random_state
 from .models.small.instant_albedo import InstantAlbedo, InstantAlbedoConfig
+from .models.small.mixed_glossyrm import MixedGlossyRM, MixedGlossyRMConfig
 from .models.small.ray_occupancy import RayOccupancy, RayOccupancyConfig
+from .models.small.volume_georm import VolumeGeoRM, VolumeGeoRMConfig
 from .report import Report
 from .weight_files import checkpoints
 from .weight_files.unallocated import unallocated
 
 NETWORKS: dict[str, dict[type, Callable[[Any], nn.Module]]] = {
-    "georm": {ReconstructionConfig: GeoRM},
-    "glossyrm": {ReconstructionConfig: GlossyRM},
+    "georm": {VolumeGeoRMConfig: VolumeGeoRM, ReconstructionConfig: GeoRM},
+    "glossyrm": {MixedGlossyRMConfig: MixedGlossyRM, ReconstructionConfig: GlossyRM},
     "instant_albedo": {InstantAlbedoConfig: InstantAlbedo, AtlasNetworkConfig: PaperInstantAlbedo},
     "ray_occupancy": {RayOccupancyConfig: RayOccupancy},
 }
@@ -87,6 +89,19 @@ def build(name: str, config: Any) -> nn.Module:
     return NETWORKS[name][type(config)](config)
 
 
+def read(name: str, path: Path) -> nn.Module:
+    """The network of that name that a file holds, of whatever preset.
+
+    Raises:
+        CheckpointError: as `checkpoints.load`.
+    """
+    config, state = checkpoints.load(path, *NETWORKS[name])
+    with unallocated():
+        module = build(name, config)
+    checkpoints.restore(module, state, path)
+    return module
+
+
 def load(name: str, settings: Settings) -> nn.Module:
     """A network with its weights, ready to run; the caller holds the only reference to a large one.
 
@@ -103,11 +118,7 @@ def load(name: str, settings: Settings) -> nn.Module:
     key = (name, path, path.stat().st_mtime_ns if path.is_file() else 0, settings.device)
     if key in _kept:
         return _kept[key]
-    config, state = checkpoints.load(path, *NETWORKS[name])
-    with unallocated():
-        module = build(name, config)
-    checkpoints.restore(module, state, path)
-    module = _ready(module, settings.device)
+    module = _ready(read(name, path), settings.device)
     if not is_large(module):
         while len(_kept) >= _KEPT_AT_MOST:
             del _kept[next(iter(_kept))]

@@ -17,11 +17,8 @@ from .graphics.surface.sample_grid import Density, IsosurfaceConfig
 from .machine.memory import lower_if_short
 from .machine.threads import cpu_threads
 from .models import random_weights
+from .models.encoded import Encoded
 from .models.network_views import network_views
-from .models.paper.georm import GeoRM
-from .models.paper.glossyrm import GlossyRM
-from .models.paper.reconstruction import EncodedViews
-from .models.small.ray_occupancy import EncodedRays, RayOccupancy
 from .progress import SHARES, Progress, part, silent
 from .report import Report
 from .structures import MaterialMaps, RelightableAsset, TexelMap, TexelViews, TriangleMesh, UvMesh, ViewSet
@@ -146,7 +143,7 @@ def _encoded(
     settings: Settings,
     report: Report,
     progress: Progress,
-) -> tuple[GeoRM | GlossyRM | RayOccupancy, EncodedViews | EncodedRays]:
+) -> tuple[torch.nn.Module, Encoded]:
     """A reconstruction model, and what it decodes points from; float32 from here on."""
     title = {"georm": "GeoRM", "glossyrm": "GlossyRM", "ray_occupancy": "Ray occupancy"}[name]
     with lower_if_short(title, "give fewer views, or choose --preset small"):

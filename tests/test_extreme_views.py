@@ -13,10 +13,10 @@ from arm_blender.config import Settings
 from arm_blender.errors import CheckpointError, InputImageError
 from arm_blender.graphics import silhouette_fill
 from arm_blender.graphics.cameras import orbit_camera
-from arm_blender.models.paper.georm import GeoRM
-from arm_blender.models.paper.glossyrm import GlossyRM
 from arm_blender.models.small.instant_albedo import InstantAlbedo
+from arm_blender.models.small.mixed_glossyrm import MixedGlossyRM
 from arm_blender.models.small.ray_occupancy import RayOccupancy
+from arm_blender.models.small.volume_georm import VolumeGeoRM
 from arm_blender.structures import TriangleMesh, ViewSet
 from arm_blender.views import load_views
 
@@ -70,10 +70,10 @@ def test_a_view_that_shows_nothing_is_named():
 @pytest.mark.parametrize("network", ["georm", "ray_occupancy", "glossyrm", "instant_albedo"])
 def test_weights_that_overflow_are_named(network, monkeypatch):
     def overflowing(encode):
-        part = "logits" if network == "ray_occupancy" else "planes"
+        part = {"georm": "volume", "ray_occupancy": "logits", "glossyrm": "planes"}[network]
         return lambda self, views: replace(encode(self, views), **{part: torch.full((1, 3, 1, 2, 2), torch.inf)})
 
-    kind = {"georm": GeoRM, "glossyrm": GlossyRM, "ray_occupancy": RayOccupancy}.get(network)
+    kind = {"georm": VolumeGeoRM, "glossyrm": MixedGlossyRM, "ray_occupancy": RayOccupancy}.get(network)
     if kind:
         monkeypatch.setattr(kind, "encode", overflowing(kind.encode))
     else:

@@ -113,6 +113,16 @@ def test_weights_that_are_trained_anew_are_read_anew(files):
     assert networks.load("georm", settings) is not first
 
 
+def test_the_config_that_a_file_carries_decides_the_class(files):
+    for name in TINY.networks:
+        classes = {type(networks.build(name, getattr(preset, name))) for preset in (PRESETS["small"], PRESETS["paper"])}
+        assert classes == set(networks.NETWORKS[name].values())
+        assert type(networks.read(name, Settings(preset="paper").weights(name))) in classes
+    checkpoints.save(files / "mixed.safetensors", {}, PRESETS["small"].glossyrm, "glossyrm")
+    with pytest.raises(CheckpointError, match="holds the model 'glossyrm'.* but VolumeGeoRMConfig or Reconstruction"):
+        networks.read("georm", files / "mixed.safetensors")
+
+
 @pytest.mark.parametrize("there", [True, False])
 def test_a_folder_without_weights_of_the_preset_is_not_passed_over(tmp_path, there):
     folder = tmp_path / "own"

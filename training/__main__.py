@@ -19,7 +19,6 @@ COMMANDS = {
     "rasterized": ("training.studies.rasterized_blender", "compare views rasterised on the fly with Cycles'"),
     "shards": ("training.rendering.shard_report", "tell what shards hold, check them, and what more would cost"),
     "prepare": ("training.rendering.occupancy", "sample signed distances to the rendered objects"),
-    "calibrate": ("training.stages.glossyrm_calibration", "move GlossyRM's answers to measured materials"),
     "evaluate": ("training.evaluation.evaluate", "measure shape, colours, materials and relighting against the truth"),
     "ablations": ("training.studies.ablations", "fit networks with a part left out, and compare them"),
     "sweep": ("training.studies.sweep", "error against run time, each knob in turn"),
@@ -32,16 +31,17 @@ COMMANDS = {
     "credits": ("training.studies.credits", "list the sources of the training objects"),
 }
 STAGES = {
-    "georm-outlines": ("training.stages.georm_outlines", "GeoRM, from outlines and colours alone"),
-    "georm": ("training.stages.georm_occupancy", "GeoRM, warmed up on occupancy"),
-    "georm-volume": ("training.stages.georm_volume", "GeoRM, by rendering its density: the paper's first stage"),
-    "georm-surface": ("training.stages.georm_surface", "GeoRM, by rasterising its surface: the paper's second stage"),
+    "georm-outlines": ("training.stages.georm_outlines", "GeoRM of small, from outlines and colours alone"),
     "ray-occupancy": ("training.stages.ray_occupancy", "where one view's object is, by what objects are like"),
-    "glossyrm-points": ("training.stages.glossyrm_points", "GlossyRM, warmed up at surface points"),
-    "glossyrm": ("training.stages.glossyrm", "GlossyRM, on the surface that GeoRM finds: the paper's way"),
     "material-prior": ("training.stages.material_prior", "InstantAlbedo's encoder, on materials that are known"),
     "delighting": ("training.stages.delighting", "InstantAlbedo's sense of light, at points of GeoRM's shapes"),
     "instant-albedo": ("training.stages.instant_albedo", "InstantAlbedo: albedo and lighting-baked colour"),
+    "georm-volume": ("training.stages.georm_volume", "the paper's GeoRM, by rendering its density: its first stage"),
+    "georm-surface": (
+        "training.stages.georm_surface",
+        "the paper's GeoRM, by rasterising its surface: its second stage",
+    ),
+    "glossyrm": ("training.stages.glossyrm", "the paper's GlossyRM, on the surface that GeoRM finds"),
 }
 
 

@@ -4,7 +4,6 @@ import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
-from arm_blender.config import PRESETS
 from arm_blender.errors import ArmError
 
 
@@ -41,15 +40,15 @@ class TrainerConfig:
 
 
 def add_arguments(
-    parser: argparse.ArgumentParser, minutes: float, learning_rate: float, presets: tuple[str, ...] = tuple(PRESETS)
+    parser: argparse.ArgumentParser, minutes: float, learning_rate: float, presets: tuple[str, ...]
 ) -> None:
-    """The options of every stage that learns from shards, with that stage's defaults."""
+    """The options of every stage that learns from shards, with that stage's defaults; the first preset is one."""
     parser.add_argument("--shards", type=Path, required=True)
     parser.add_argument(
         "--output", type=Path, required=True, help="safetensors file of the weights; runs/NAME/ beside it logs"
     )
     parser.add_argument("--start", type=Path, help="the stage's own weights to go on from")
-    parser.add_argument("--preset", choices=presets, default="small", help="sizes of the network and of a step")
+    parser.add_argument("--preset", choices=presets, default=presets[0], help="sizes of the network and of a step")
     parser.add_argument("--batch", type=int, default=1, help="objects a step in each process; the paper's is 1 in 8")
     parser.add_argument("--bfloat16", action="store_true", help="encode in bfloat16: faster where the device knows it")
     add_loop_arguments(parser, minutes, learning_rate)

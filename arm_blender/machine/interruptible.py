@@ -7,10 +7,10 @@ from torch import nn
 
 
 def blocks(network: nn.Module) -> list[nn.Module]:
-    """The network and everything that it keeps in lists: its stages, their residual blocks, attentions, layers."""
+    """The network and all that it keeps in lists and sequences: stages, their residual blocks, attentions, layers."""
     found = {network: None}  # A dictionary keeps the order, and each block once.
     for module in network.modules():
-        if isinstance(module, nn.ModuleList):
+        if isinstance(module, nn.ModuleList | nn.Sequential):
             found |= dict.fromkeys(module)
     return list(found)
 

@@ -16,7 +16,8 @@ from arm_blender.graphics.voxels import sample_volume
 from arm_blender.models.network_views import network_views
 from arm_blender.structures import TriangleMesh
 
-from ..models.paper.test_reconstruction import TINY, ball_views
+from ..models.balls import ball_views
+from ..models.small.test_volume_georm import TINY
 
 RADIUS = 0.6
 Field = Callable[[Tensor], Tensor]

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import pytest
 import torch
-from torch import Tensor
 
 from arm_blender.errors import EmptyMeshError
 from arm_blender.graphics import silhouette_fill
@@ -13,21 +12,15 @@ from arm_blender.graphics.surface.isosurface import IsosurfaceConfig, extract
 from arm_blender.models.network_views import network_views
 from arm_blender.models.paper.georm import GeoRM
 from arm_blender.models.paper.glossyrm import GlossyRM
-from arm_blender.models.small.feature_volume import FeatureVolumeConfig
-from arm_blender.models.small.pixel_aligned import PixelAlignedConfig
+from arm_blender.models.paper.reconstruction import EncodedPlanes
+from arm_blender.models.small.mixed_glossyrm import MixedGlossyRM
+from arm_blender.models.small.volume_georm import EncodedVolumes, VolumeGeoRM
 from arm_blender.structures import ViewSet
 
-from .paper.test_reconstruction import TINY, ball_views, points
-
-FULL = replace(
-    TINY,
-    pixel_aligned=PixelAlignedConfig(channels=8, hidden=8, normed=True),
-    volume=FeatureVolumeConfig(grid=8, channels=4, hidden=0.2, votes=True, colors=True, detail=4),
-)
-"""All that `small` has."""
-
-PLAIN = replace(TINY, pixel_aligned=None, volume=None)
-"""What `paper` has."""
+from .balls import ball_views, points
+from .paper.test_reconstruction import TINY as PLANES
+from .small.test_mixed_glossyrm import TINY as MIXED
+from .small.test_volume_georm import TINY as VOLUMES
 
 
 def painted(color: float, alpha: float | None = None) -> ViewSet:
@@ -70,16 +63,16 @@ EXTREMES = {
 }
 
 
-@pytest.fixture(scope="module", params=["full", "plain"])
-def georm(request) -> GeoRM:
+@pytest.fixture(scope="module", params=["small", "paper"])
+def georm(request) -> GeoRM | VolumeGeoRM:
     torch.manual_seed(0)
-    return GeoRM(FULL if request.param == "full" else PLAIN).eval()
+    return (VolumeGeoRM(VOLUMES) if request.param == "small" else GeoRM(PLANES)).eval()
 
 
-@pytest.fixture(scope="module")
-def glossyrm() -> GlossyRM:
+@pytest.fixture(scope="module", params=["small", "paper"])
+def glossyrm(request) -> GlossyRM | MixedGlossyRM:
     torch.manual_seed(0)
-    return GlossyRM(replace(FULL, volume=replace(FULL.volume, detail=0))).eval()
+    return (MixedGlossyRM(MIXED) if request.param == "small" else GlossyRM(PLANES)).eval()
 
 
 @pytest.fixture(autouse=True)
@@ -94,7 +87,7 @@ def coarse_filling(monkeypatch):
 def test_every_point_of_extreme_views_has_a_density(georm, name):
     encoded = georm.encode(network_views(EXTREMES[name](), georm.config))
     assert encoded.is_finite
-    assert bool(georm.density(encoded, points(300)).isfinite().all())
+    assert bool(georm.occupancy_logit(encoded, points(300)).isfinite().all())
     assert bool(georm.filled_logit(encoded, 4096)(points(300)[0]).isfinite().all())
 
 
@@ -108,8 +101,8 @@ def test_every_point_of_extreme_views_has_a_material(glossyrm, name):
 @pytest.mark.parametrize("name", ["black", "one pixel", "a camera inside", "one view six times"])
 def test_gradients_of_extreme_views_are_finite(name):
     torch.manual_seed(0)
-    network = GeoRM(FULL)
-    network.density(network.encode(network_views(EXTREMES[name](), FULL)), points(50)).sum().backward()
+    network = VolumeGeoRM(VOLUMES)
+    network.occupancy_logit(network.encode(network_views(EXTREMES[name](), VOLUMES)), points(50)).sum().backward()
     found = [parameter.grad for parameter in network.parameters() if parameter.grad is not None]
     assert found and all(bool(gradient.isfinite().all()) for gradient in found)
 
@@ -118,19 +111,19 @@ def test_gradients_of_extreme_views_are_finite(name):
 def test_every_view_twice_tells_the_papers_networks_nothing_new():
     """Attention over tokens that are all there twice has the same weights in sum."""
     torch.manual_seed(0)
-    network = GeoRM(PLAIN).eval()
+    network = GeoRM(PLANES).eval()
     views = ball_views(0.7)
-    once = network.encode(network_views(views, PLAIN)).planes
-    twice = network.encode(network_views(views.only([*range(6), *range(6)]), PLAIN)).planes
+    once = network.encode(network_views(views, PLANES)).planes
+    twice = network.encode(network_views(views.only([*range(6), *range(6)]), PLANES)).planes
     torch.testing.assert_close(twice, once, rtol=0.0, atol=1e-5 * float(once.abs().max()))
 
 
 @torch.no_grad()
 def test_every_view_twice_has_the_same_hull():
-    network = GeoRM(FULL).eval()
+    network = VolumeGeoRM(VOLUMES).eval()
     views = ball_views(0.7)
     once, twice = (
-        network.encode(network_views(views.only([*range(6)] * times), FULL)).views.outlines for times in (1, 2)
+        network.encode(network_views(views.only([*range(6)] * times), VOLUMES)).views.outlines for times in (1, 2)
     )
     assert torch.equal(once.hull_distance(points(300)), twice.hull_distance(points(300)))
 
@@ -138,20 +131,23 @@ def test_every_view_twice_has_the_same_hull():
 HUGE = [1e30, -1e30, torch.inf, -torch.inf, torch.nan]
 
 
-def spoilt(planes: Tensor, value: float, everywhere: bool) -> Tensor:
+def spoilt(encoded: EncodedPlanes | EncodedVolumes, value: float, everywhere: bool) -> EncodedPlanes | EncodedVolumes:
+    """With a value in the planes, or in the coarse volume."""
+    name = "planes" if isinstance(encoded, EncodedPlanes) else "volume"
+    features = getattr(encoded, name).clone()
     if everywhere:
-        return torch.full_like(planes, value)
-    planes = planes.clone()
-    planes[0, 0, 0, 3, 4] = value
-    return planes
+        features[:] = value
+    else:
+        features[0, 0, 0, 3, 4] = value
+    return replace(encoded, **{name: features})
 
 
 @torch.no_grad()
 @pytest.mark.parametrize("everywhere", [True, False])
 @pytest.mark.parametrize("value", HUGE)
-def test_planes_without_bounds_give_a_closed_surface_or_say_that_there_is_none(georm, value, everywhere):
+def test_features_without_bounds_give_a_closed_surface_or_say_that_there_is_none(georm, value, everywhere):
     encoded = georm.encode(network_views(ball_views(0.7), georm.config))
-    encoded = replace(encoded, planes=spoilt(encoded.planes, value, everywhere))
+    encoded = spoilt(encoded, value, everywhere)
     assert encoded.is_finite == (abs(value) == 1e30)
     try:
         mesh = extract(georm.filled_logit(encoded, 4096), IsosurfaceConfig(32, iso=0.0))
@@ -167,9 +163,9 @@ def test_planes_without_bounds_give_a_closed_surface_or_say_that_there_is_none(g
 @pytest.mark.parametrize("value", HUGE)
 def test_what_is_no_number_does_not_spread_when_silhouettes_are_filled(value):
     torch.manual_seed(0)
-    network = GeoRM(FULL).eval()
-    encoded = network.encode(network_views(ball_views(0.7), FULL))
-    encoded = replace(encoded, planes=spoilt(encoded.planes, value, everywhere=False))
+    network = VolumeGeoRM(VOLUMES).eval()
+    encoded = network.encode(network_views(ball_views(0.7), VOLUMES))
+    encoded = spoilt(encoded, value, everywhere=False)
     p = points(2000)
     plain = network.occupancy_logit(encoded, p)[0].isfinite()
     assert 0.3 < float(plain.float().mean()) <= 1.0

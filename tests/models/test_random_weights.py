@@ -7,13 +7,14 @@ from torch import nn
 from arm_blender.graphics.surface.isosurface import IsosurfaceConfig, extract
 from arm_blender.models.paper.georm import GeoRM
 from arm_blender.models.paper.glossyrm import GlossyRM
-from arm_blender.models.paper.reconstruction import SMALL
 from arm_blender.models.random_weights import DENTS, RADIUS, dented_ball, random_state
+
+from .paper.test_reconstruction import TINY
 
 
 def test_a_seed_is_one_state_and_leaves_the_callers_random_numbers():
     with torch.device("meta"):
-        module = GeoRM(SMALL)
+        module = GeoRM(TINY)
     before = torch.get_rng_state()
     first, again, other = (random_state(module, seed) for seed in (3, 3, 4))
     assert torch.equal(torch.get_rng_state(), before)
@@ -24,7 +25,7 @@ def test_a_seed_is_one_state_and_leaves_the_callers_random_numbers():
 
 def test_glossyrm_begins_with_what_georm_has():
     with torch.device("meta"):
-        modules = GeoRM(SMALL), GlossyRM(SMALL)
+        modules = GeoRM(TINY), GlossyRM(TINY)
     states = [random_state(module, 0) for module in modules]
     last = [key for key in states[0] if states[0][key].shape != states[1][key].shape]
     assert all(torch.equal(states[0][key], states[1][key]) for key in states[0] if key.startswith("model.transformer"))

@@ -74,3 +74,10 @@ def test_what_was_learnt_is_added_at_inference(warm, learnt):
     getattr(warm.up[-1], learnt)[0] = 0.3
     torch.testing.assert_close(warm(coarse), start + warm.detail(coarse))
     assert not torch.equal(warm(coarse), start)
+
+
+def test_planes_are_xy_xz_zy_with_the_first_coordinate_along_the_width():
+    ramp = torch.linspace(-1, 1, 64) * (64 - 1) / 64  # Texel centres of [-1, 1].
+    planes = ramp.expand(64, 64).view(1, 1, 1, 64, 64).expand(1, 3, 1, -1, -1)
+    found = sample_planes(planes, torch.tensor([[[0.1, 0.2, 0.3]]]))[0, 0]
+    assert torch.allclose(found, torch.tensor([0.1, 0.1, 0.3]), atol=1e-5)

@@ -1,7 +1,6 @@
 """Balls as the renderer would leave them, in closed form, and networks of a test's size."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +12,6 @@ from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.graphics.color import bytes_from_unit, linear_from_srgb
 from arm_blender.models.image_encoder import ImageEncoderConfig
 from arm_blender.models.paper.reconstruction import ReconstructionConfig
-from arm_blender.models.small.feature_volume import FeatureVolumeConfig
-from arm_blender.models.small.pixel_aligned import PixelAlignedConfig
 from arm_blender.models.transformer import TransformerConfig
 from arm_blender.models.triplane import DecoderConfig, UpsamplerConfig
 from arm_blender.structures import MaterialMaps, RelightableAsset, TriangleMesh
@@ -32,8 +29,6 @@ _TINY = ReconstructionConfig(
     transformer=TransformerConfig(width=16, layers=1, heads=2, grid=4),
     upsampler=UpsamplerConfig(filters=8, blocks=1, growth=4, doublings=1, channels=4),
     decoder=DecoderConfig(hidden_layers=2, hidden=16),
-    pixel_aligned=PixelAlignedConfig(channels=8, hidden=8),
-    volume=FeatureVolumeConfig(grid=8, channels=4),
 )
 _SIZE = 48
 _BALLS = {"one": (0.6, (0.0, 0.0, 0.0)), "two": (0.4, (0.3, -0.2, 0.1)), "three": (0.5, (-0.2, 0.3, -0.3))}
@@ -41,15 +36,9 @@ _BALLS = {"one": (0.6, (0.0, 0.0, 0.0)), "two": (0.4, (0.3, -0.2, 0.1)), "three"
 
 
 @pytest.fixture(scope="session")
-def tiny_network() -> ReconstructionConfig:
-    """The modules of `small`."""
-    return _TINY
-
-
-@pytest.fixture(scope="session")
 def plane_network() -> ReconstructionConfig:
     """The modules of `paper`."""
-    return replace(_TINY, pixel_aligned=None, volume=None)
+    return _TINY
 
 
 def ball_views(radius: float, center: torch.Tensor) -> dict[str, np.ndarray]:

@@ -15,7 +15,7 @@ from arm_blender.errors import CheckpointError
 from arm_blender.models.image_encoder import ImageEncoder, ImageEncoderConfig
 from arm_blender.models.material_encoder import MaterialEncoder, MaterialEncoderConfig
 from arm_blender.models.paper.georm import GeoRM
-from arm_blender.models.paper.reconstruction import EncodedViews, ReconstructionConfig
+from arm_blender.models.paper.reconstruction import EncodedPlanes, ReconstructionConfig
 from arm_blender.models.transformer import TransformerConfig
 from arm_blender.models.triplane import DecoderConfig, UpsamplerConfig
 from arm_blender.models.vit import VisionTransformer, VitConfig
@@ -93,7 +93,7 @@ def test_an_imported_checkpoint_gives_the_published_planes_and_density(checkpoin
     name = "instantmesh_triplane_points"
     planes, points = parts(name, "input/")["planes"], parts(name, "input/")["points"]
     world = torch.stack([points[..., 1], -points[..., 0], points[..., 2]], dim=-1)  # Their front is +X.
-    density = georm.density(EncodedViews(planes, None, None), world)
+    density = georm.density(EncodedPlanes(planes), world)
     check(density, parts(name, "output/")["sigma_activated"].squeeze(-1))
 
 

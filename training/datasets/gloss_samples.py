@@ -8,11 +8,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from arm_blender import networks
 from arm_blender.errors import EmptyMeshError
 from arm_blender.graphics.surface.isosurface import extract
 from arm_blender.graphics.surface.sample_grid import IsosurfaceConfig
-from arm_blender.models.paper.georm import GeoRM
-from arm_blender.models.paper.reconstruction import ReconstructionConfig
+from arm_blender.models.network_views import PictureConfig
 from arm_blender.structures import TriangleMesh
 from arm_blender.weight_files import checkpoints
 
@@ -43,20 +43,18 @@ class Shapes:
     """GeoRM as it is, and the shapes that it makes of the input views; the same mesh as in the program.
 
     Args:
-        weights: of GeoRM.
+        weights: of a GeoRM, of any preset.
         grid: samples of the density along a side of the box.
         device: where it runs.
         folder: keeps the shapes, by object, rig, weights and grid; None makes each anew whenever it is asked for.
     """
 
     def __init__(self, weights: Path, grid: int, device: torch.device, folder: Path | None = None) -> None:
-        config, state = checkpoints.load(weights, ReconstructionConfig)
-        self.model = GeoRM(config).requires_grad_(False).eval().to(device)
-        checkpoints.restore(self.model, state, weights)
+        self.model = networks.read("georm", weights).requires_grad_(False).eval().to(device)
         self.grid, self.device, self.folder = grid, device, folder
         self._mark = f"{checkpoints.sha256(weights)[:12]}.{grid}"
 
-    def load(self, path: Path, network: ReconstructionConfig) -> GlossSample:
+    def load(self, path: Path, network: PictureConfig) -> GlossSample:
         """The sample of one `rig_<k>.npz`, for a GlossyRM of `network`."""
         sample = view_samples.load(path, network)
         mesh = self.mesh(path)

@@ -15,8 +15,7 @@ from torch import Tensor
 from arm_blender.graphics.cameras import Camera, orbit_camera, unproject
 from arm_blender.graphics.raster.rasterize import Fragments, rasterize_views
 from arm_blender.models.network_views import NetworkViews
-from arm_blender.models.paper.reconstruction import SMALL
-from arm_blender.models.small.ray_occupancy import Frustum
+from arm_blender.models.small.ray_occupancy import Frustum, RayOccupancyConfig
 from arm_blender.structures import stack_cameras
 
 from .. import distributed
@@ -124,7 +123,7 @@ def seen(
         picture = tinted(picture, generator)
     coverage = fragments.mask.float()
     distance = torch.from_numpy(_signed_distance(fragments.mask[0].numpy()))[None]
-    images = torch.cat([picture[:, :3] + (1.0 - coverage) * SMALL.background, coverage[:, None]], dim=1)
+    images = torch.cat([picture[:, :3] + (1.0 - coverage) * RayOccupancyConfig().background, coverage[:, None]], dim=1)
     silhouette = torch.stack([coverage, distance], dim=1)
     c2w, K = stack_cameras((camera,))
     chosen = torch.randint(len(moved.points), (points,), generator=generator)

@@ -43,9 +43,6 @@ FRAME = 3.2
 MOST_FACES = 50_000
 """An object of more is left out: its outlines take longer to draw than a step takes."""
 
-HULL_SIDE = 40
-"""Pixels a side of the colours that cells compare, and of the hull's depth: what the network takes of a picture."""
-
 DROPPED = 0.25
 """Share of the steps that see fewer than six views: from scratch a network forgets what it does not see often."""
 
@@ -75,7 +72,7 @@ class Solid:
 class OutlineBatch:
     """B objects: outlines of six views, points (B, P, 3) and their signed distances (B, P), world units.
 
-    `colors` (B, V, 4, h, w) are those of `ViewFeatures`.
+    `colors` (B, V, 4, h, w) are those of `HullViews`.
     """
 
     outlines: Outlines

@@ -12,8 +12,7 @@ from torch.nn import functional as F
 
 from arm_blender.graphics.cameras import Camera
 from arm_blender.graphics.color import linear_from_srgb
-from arm_blender.models.network_views import NetworkViews, network_views
-from arm_blender.models.paper.reconstruction import ReconstructionConfig
+from arm_blender.models.network_views import NetworkViews, PictureConfig, network_views
 from arm_blender.structures import ViewSet
 
 from ..losses import SurfaceMaps
@@ -59,7 +58,7 @@ class Crop:
     truth: SurfaceMaps
 
 
-def load(path: Path, config: ReconstructionConfig) -> ViewSample:
+def load(path: Path, config: PictureConfig) -> ViewSample:
     """The sample of one `rig_<k>.npz`, for networks of `config`."""
     names = ("rgba", "depth", "normal", "c2w", "K")
     arrays = shards.arrays(path, *names)

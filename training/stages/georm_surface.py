@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from arm_blender.models.paper.georm import GeoRM
-from arm_blender.models.paper.reconstruction import EncodedViews
+from arm_blender.models.paper.reconstruction import EncodedPlanes
 
 from ..datasets import view_samples
 from ..datasets.view_samples import Crop, ViewSample
@@ -44,7 +44,7 @@ class SurfaceConfig:
     """LPIPS where its weights are at hand; without it normals are compared by their cosine."""
 
 
-SMALL_SURFACE = SurfaceConfig(grid=64, side=96, views=4, fewer_views=0.1)
+TINY_SURFACE = SurfaceConfig(grid=64, side=96, views=4, fewer_views=0.1)
 """For two CPU cores."""
 
 
@@ -61,7 +61,7 @@ def sample_loss(
 
 
 def rendering_loss(
-    model: GeoRM, encoded: EncodedViews, sample: ViewSample, config: SurfaceConfig, draws: torch.Generator
+    model: GeoRM, encoded: EncodedPlanes, sample: ViewSample, config: SurfaceConfig, draws: torch.Generator
 ) -> dict[str, Tensor]:
     """As `sample_loss`, where the views are encoded already."""
 
@@ -128,6 +128,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Train and write the averaged weights."""
-    config = SMALL_SURFACE if args.preset == "small" else SurfaceConfig()
+    config = TINY_SURFACE if args.preset == "tiny" else SurfaceConfig()
     config = replace(config, **asked_for(args, config.fewer_views))
     return fit_georm(args, config, sample_loss, picture)

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from arm_blender.errors import ArmError
 from arm_blender.models.paper.georm import RAW_ISO, GeoRM
-from arm_blender.models.paper.reconstruction import EncodedViews
+from arm_blender.models.paper.reconstruction import EncodedPlanes
 
 from ..datasets import view_samples
 from ..datasets.view_samples import Crop, ViewSample
@@ -43,14 +43,14 @@ class VolumeConfig:
     """LPIPS where its weights are at hand; without it normals are compared by their cosine."""
 
 
-SMALL_VOLUME = VolumeConfig(
+TINY_VOLUME = VolumeConfig(
     SamplingConfig(coarse=32, fine=32), views=4, window=32, resolutions=(48, 128), fewer_views=0.1
 )
 """A hundredth of the paper's samples a step, for two CPU cores."""
 
 
 def surface_maps(
-    model: GeoRM, encoded: EncodedViews, window: Crop, config: VolumeConfig, draws: torch.Generator
+    model: GeoRM, encoded: EncodedPlanes, window: Crop, config: VolumeConfig, draws: torch.Generator
 ) -> SurfaceMaps:
     """What the density of one object looks like in a window of each of its views; depth along the view axis."""
     shape = window.truth.mask.shape
@@ -78,7 +78,7 @@ def sample_loss(
 
 
 def rendering_loss(
-    model: GeoRM, encoded: EncodedViews, sample: ViewSample, config: VolumeConfig, draws: torch.Generator
+    model: GeoRM, encoded: EncodedPlanes, sample: ViewSample, config: VolumeConfig, draws: torch.Generator
 ) -> dict[str, Tensor]:
     """As `sample_loss`, where the views are encoded already."""
     chosen = torch.randperm(len(sample.c2w), generator=draws)[: config.views]
@@ -106,7 +106,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Train and write the averaged weights."""
-    config = SMALL_VOLUME if args.preset == "small" else VolumeConfig()
+    config = TINY_VOLUME if args.preset == "tiny" else VolumeConfig()
     window = config.window if args.window is None else args.window
     least = 32 if args.lpips or args.feature_distance else 1  # Those distances take no less.
     if not least <= window <= config.resolutions[0]:

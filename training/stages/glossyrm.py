@@ -12,11 +12,10 @@ import torch
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
-from arm_blender.config import PRESETS
 from arm_blender.errors import CheckpointError
 from arm_blender.graphics.raster.rasterize import interpolate, rasterize_views
 from arm_blender.models.paper.glossyrm import GlossyRM
-from arm_blender.models.paper.reconstruction import EncodedViews, ReconstructionConfig
+from arm_blender.models.paper.reconstruction import EncodedPlanes, ReconstructionConfig
 from arm_blender.weight_files import checkpoints
 
 from .. import distributed
@@ -26,7 +25,7 @@ from ..losses import ImageLossConfig, Perceptual, image_loss
 from ..picture_grid import grid
 from ..surface_rendering import POINTS_AT_ONCE
 from . import rendered_views
-from .rendered_views import ViewStage, asked_for, encode, fit
+from .rendered_views import CONFIGS, ViewStage, asked_for, encode, fit
 
 MAPS = ("roughness", "metallic")
 
@@ -49,7 +48,7 @@ class GlossyConfig:
     """LPIPS where its weights are at hand; without it the loss has no perceptual term."""
 
 
-SMALL_GLOSSY = GlossyConfig(grid=64, side=96, views=4, fewer_views=0.1)
+TINY_GLOSSY = GlossyConfig(grid=64, side=96, views=4, fewer_views=0.1)
 """For two CPU cores."""
 
 
@@ -71,7 +70,7 @@ def sample_loss(
 
 
 def rendered(
-    model: GlossyRM, encoded: EncodedViews, sample: GlossSample, chosen: Tensor, side: int
+    model: GlossyRM, encoded: EncodedPlanes, sample: GlossSample, chosen: Tensor, side: int
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Views of index `chosen`: (V, 2, side, side) both maps predicted, and true, and (V, side, side) where to compare.
 
@@ -87,7 +86,7 @@ def rendered(
     return found, truth, fragments.mask & (mask[:, 0] > 0.5)
 
 
-def vertex_values(model: GlossyRM, encoded: EncodedViews, points: Tensor) -> Tensor:
+def vertex_values(model: GlossyRM, encoded: EncodedPlanes, points: Tensor) -> Tensor:
     """(N, 2) at world points (N, 3), in parts that are computed again for the gradient."""
 
     def part(some: Tensor) -> Tensor:
@@ -130,7 +129,7 @@ def start(preset: str, georm: Path) -> GlossyRM:
     Raises:
         CheckpointError: they are of other sizes.
     """
-    model = GlossyRM(PRESETS[preset].glossyrm)
+    model = GlossyRM(CONFIGS[preset])
     try:
         model.load_geometry(checkpoints.load(georm, ReconstructionConfig)[1])
     except (KeyError, RuntimeError) as error:
@@ -142,7 +141,7 @@ def start(preset: str, georm: Path) -> GlossyRM:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What `python -m training fit glossyrm` takes."""
-    rendered_views.add_arguments(parser)
+    rendered_views.add_arguments(parser, ("tiny", "paper"))
     parser.add_argument("--georm", type=Path, required=True, help="GeoRM's weights: of the shapes, and to start from")
     parser.add_argument("--shapes", type=Path, help="folder that keeps GeoRM's shapes; without it they are made anew")
 
@@ -150,7 +149,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Train and write the averaged weights."""
     torch.manual_seed(args.seed)
-    config = SMALL_GLOSSY if args.preset == "small" else GlossyConfig()
+    config = TINY_GLOSSY if args.preset == "tiny" else GlossyConfig()
     config = replace(config, **asked_for(args, config.fewer_views))
     model = start(args.preset, args.georm)
     shapes = Shapes(args.georm, config.grid, distributed.device(args.device), args.shapes)

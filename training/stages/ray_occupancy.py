@@ -22,7 +22,7 @@ from ..datasets.outline_samples import Solid
 from ..datasets.point_samples import rotation_z
 from ..rendering import shards
 from ..trainer import Trainer
-from .georm_occupancy import intersection_over_union, occupancy_loss
+from .occupancy_loss import intersection_over_union, occupancy_loss
 
 NAME = "small.ray_occupancy"
 
@@ -31,7 +31,7 @@ VALIDATION_POINTS = 20_000
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of the stage."""
-    point_samples.add_point_arguments(parser, minutes=60.0, points=8192, learning_rate=1e-3)
+    point_samples.add_arguments(parser, minutes=60.0, points=8192, learning_rate=1e-3)
     parser.set_defaults(batch=2)
     parser.add_argument("--data", type=Path, help="folder with manifest.json; its real objects are drawn more often")
 

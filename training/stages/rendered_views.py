@@ -14,12 +14,14 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from arm_blender.config import PRESETS
 from arm_blender.errors import ArmError
+from arm_blender.models.image_encoder import ImageEncoderConfig
 from arm_blender.models.network_views import NetworkViews
 from arm_blender.models.paper.georm import GeoRM
 from arm_blender.models.paper.glossyrm import GlossyRM
-from arm_blender.models.paper.reconstruction import EncodedViews, ReconstructionConfig
+from arm_blender.models.paper.reconstruction import INSTANTMESH, PAPER, EncodedPlanes, ReconstructionConfig
+from arm_blender.models.transformer import TransformerConfig
+from arm_blender.models.triplane import DecoderConfig, UpsamplerConfig
 from arm_blender.weight_files import checkpoints
 
 from .. import distributed, options
@@ -35,6 +37,17 @@ from ..trainer import Trainer
 logger = logging.getLogger(__name__)
 
 Network = GeoRM | GlossyRM
+
+TINY = ReconstructionConfig(
+    ImageEncoderConfig(image_size=160, position_grid=10, width=96, depth=3, heads=6),
+    TransformerConfig(width=96, layers=3, heads=6, grid=16),
+    UpsamplerConfig(filters=48, blocks=1, growth=16, doublings=2, channels=16),
+    DecoderConfig(hidden_layers=3, hidden=64),
+)
+"""The paper's networks at a size at which its stages can be tried on two CPU cores; far too small to learn much."""
+
+CONFIGS = {"tiny": TINY, "paper": PAPER, "instantmesh": INSTANTMESH}
+"""What --preset names."""
 
 VALIDATED = 16
 """Held-out samples at most in a validation."""
@@ -62,9 +75,9 @@ class ViewStage:
     picture: Callable[[nn.Module, ViewSample], Tensor]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser, presets: tuple[str, ...] = tuple(CONFIGS)) -> None:
     """What `python -m training fit` takes for these stages; the rate is the paper's."""
-    options.add_arguments(parser, minutes=60.0, learning_rate=4e-5)
+    options.add_arguments(parser, minutes=60.0, learning_rate=4e-5, presets=presets)
     perceptual = parser.add_mutually_exclusive_group()
     perceptual.add_argument("--lpips", type=Path, help="weights of LPIPS (VGG), to compare pictures as the paper does")
     perceptual.add_argument("--feature-distance", action="store_true", help="instead: EfficientNet-Lite0's")
@@ -83,7 +96,7 @@ def asked_for(args: argparse.Namespace, fewer_views: float) -> dict[str, Percept
 
 def encode(
     model: Network, sample: ViewSample, fewer_views: float, draws: torch.Generator, bfloat16: bool
-) -> EncodedViews:
+) -> EncodedPlanes:
     """The input views, all or in a share of the steps fewer, as points are decoded from; in float32.
 
     Args:
@@ -112,7 +125,7 @@ def fit_georm(
         ArmError: as `fit`.
     """
     torch.manual_seed(args.seed)
-    network, whole = PRESETS[args.preset].georm, replace(config, fewer_views=0.0)
+    network, whole = CONFIGS[args.preset], replace(config, fewer_views=0.0)
     stage = ViewStage(
         "georm",
         lambda path: view_samples.load(path, network),

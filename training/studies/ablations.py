@@ -1,8 +1,7 @@
 """`python -m training ablations`: fit networks with a part left out, all alike, and compare them on measured objects.
 
-The paper's ablations of InstantAlbedo (ARM, section 6 and supplement), and GeoRM without pixel-aligned features, which
-are ours. Each is fitted from scratch in as many steps as the network with all its parts, from the same samples in the
-same order. A run that is stopped goes on where it was.
+The paper's ablations of InstantAlbedo (ARM, section 6 and supplement). Each is fitted from scratch in as many steps as
+the network with all its parts, from the same samples in the same order. A run that is stopped goes on where it was.
 """
 
 import argparse
@@ -10,30 +9,26 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 
 from arm_blender.config import Settings
-from arm_blender.errors import ArmError
 from arm_blender.machine.files import check_output
 
 from ..datasets import atlases
 from ..documents import fill_block, markdown_table, paragraphs, write_text
 from ..evaluation.evaluate import render_truth
-from ..evaluation.scores.geometry import MEASURES
-from ..evaluation.tables.bars import Reader, geometry_score, map_score, mean
+from ..evaluation.tables.bars import Reader, map_score, mean
 from ..evaluation.tables.output import write_tables
 from ..evaluation.tables.report_text import without_empty
 from ..evaluation.tables.resume import kept_results
-from ..evaluation.trials.measure import BLEND, HULL, OURS, ObjectResult, measure
+from ..evaluation.trials.measure import BLEND, OURS, ObjectResult, measure
 from ..evaluation.trials.trial import Trial
 from ..evaluation.truth.entries import evaluation_entries, in_fair_order
 from ..evaluation.truth.objects import EvaluationObject
 from ..evaluation.truth.protocol import Protocol
 from ..evaluation.truth.truth import read_truth
 from ..options import TrainerConfig
-from ..rendering import shards
 from ..run_record import last_scalar
-from ..stages import georm_occupancy, instant_albedo
+from ..stages import instant_albedo
 from . import ablated_albedo
 from .ablated_albedo import WHOLE
 
@@ -53,7 +48,6 @@ class Study:
     Attributes:
         network: as of `Settings.weights`.
         title: in the table.
-        stage: module of the stage that fits it; None where `ablated_albedo` does.
         rows: title in the table by the name of the ablation; `WHOLE` is the first.
         validated: the stage's own number on held-out objects, in its validations.
         baseline: the same without a network.
@@ -64,7 +58,6 @@ class Study:
 
     network: str
     title: str
-    stage: ModuleType | None
     rows: dict[str, str]
     validated: str
     baseline: str
@@ -80,7 +73,6 @@ class Study:
 ALBEDO = Study(
     "instant_albedo",
     "InstantAlbedo",
-    None,
     {
         WHOLE: "nothing left out",
         "no-measurements": "no measurements",
@@ -99,33 +91,17 @@ ALBEDO = Study(
     },
     digits=2,
 )
-SHAPE = Study(
-    "georm",
-    "GeoRM",
-    georm_occupancy,
-    {WHOLE: "nothing left out", "no-pixel-aligned": "no pixel-aligned features"},
-    validated="iou",
-    baseline="hull iou",
-    bare=HULL,
-    readers={title: geometry_score(name) for name, title in MEASURES.items()},
-    digits=3,
-)
-STUDIES = {study.network: study for study in (ALBEDO, SHAPE)}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The words of `python -m training ablations`."""
     parser.add_argument("--shards", type=Path, required=True, help="rendered and prepared objects to learn from")
     parser.add_argument("--cache", type=Path, required=True, help="folder of InstantAlbedo's samples, made if missing")
-    parser.add_argument(
-        "--networks", nargs="*", default=list(STUDIES), choices=STUDIES, help="of which parts are left out"
-    )
     parser.add_argument("--data", type=Path, help="folder with manifest.json; ARM_DATA by default")
     parser.add_argument("--split", default="eval", choices=("train", "eval"), help="whose objects are measured")
     parser.add_argument("--set", nargs="*", default=["pbr"], help="their sets")
     parser.add_argument("--limit", type=int, help="only so many, the same in every run; 0 fits alone")
     parser.add_argument("--steps", type=int, default=200, help="of every fit of InstantAlbedo")
-    parser.add_argument("--georm-steps", type=int, default=100, help="of every fit of GeoRM")
     parser.add_argument("--truth", type=Path, default=Path("out/evaluation-truth"), help="rendered truth, kept")
     parser.add_argument("--output", type=Path, default=Path("out/ablations"), help="folder of weights and tables")
     parser.add_argument(
@@ -133,27 +109,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         nargs="?",
         const=Path("docs/ablations.md"),
-        help="fill its blocks of the networks",
+        help="fill its block of the network",
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fit what is not fitted yet, measure, and write the tables, one network after the other."""
+    """Fit what is not fitted yet, measure, and write the table."""
     check_output(args.output)
-    for name in args.networks:
-        study = STUDIES[name]
-        steps = args.steps if study is ALBEDO else args.georm_steps
-        fits = fitted(study, steps, args)
-        others = {study.system(ablation): settings for ablation, settings in fits.items()}
-        trial = Trial(Settings(preset="small"), PROTOCOL, align=False, cycles=False, one_view=False, others=others)
-        results = measured(trial, args.output / f"evaluation-{name}", args)
-        text = paragraphs(
-            setting_text(study, steps, results, args), table(study, fits, results), f"Made by `{args.command}`."
-        )
-        write_text(args.output / f"{name}.md", text)
-        if args.update_document is not None:
-            fill_block(args.update_document, name, text)
-        print(text)
+    fits = fitted(ALBEDO, args.steps, args)
+    others = {ALBEDO.system(ablation): settings for ablation, settings in fits.items()}
+    trial = Trial(Settings(preset="small"), PROTOCOL, align=False, cycles=False, one_view=False, others=others)
+    results = measured(trial, args.output / f"evaluation-{ALBEDO.network}", args)
+    text = paragraphs(
+        setting_text(ALBEDO, args.steps, results, args), table(ALBEDO, fits, results), f"Made by `{args.command}`."
+    )
+    write_text(args.output / f"{ALBEDO.network}.md", text)
+    if args.update_document is not None:
+        fill_block(args.update_document, ALBEDO.network, text)
+    print(text)
     return 0
 
 
@@ -161,27 +134,18 @@ def fitted(study: Study, steps: int, args: argparse.Namespace) -> dict[str, Sett
     """Settings with the weights of each row by the name of the ablation; those that are missing are fitted.
 
     Raises:
-        ArmError: as the stage does.
+        ArmError: there is nothing to fit from.
     """
     # Another budget is another run.
     folder = args.output / f"{study.network}-{steps}-steps"
     found = {ablation: Settings(preset="small", weights_folder=folder / ablation) for ablation in study.rows}
     missing = {ablation: settings for ablation, settings in found.items() if not settings.brings(study.network)}
-    if missing and study is ALBEDO:
+    if missing:
         atlases.prepare(args.shards, args.cache)
+    config = TrainerConfig(steps=steps, learning_rate=ALBEDO_RATE, weight_decay=0.0)
     for ablation, settings in missing.items():
         weights = settings.weights_folder / settings.weights(study.network).name
-        if study is ALBEDO:
-            config = TrainerConfig(steps=steps, learning_rate=ALBEDO_RATE, weight_decay=0.0)
-            ablated_albedo.fit(ablation, args.cache, weights, config, VIEWS)
-            continue
-        words = ["--output", weights, "--steps", steps, "--seed", 0, "--shards", args.shards]
-        words += ["--data", args.data] if args.data is not None else []
-        words += [f"--{ablation}"] if ablation != WHOLE else []
-        parser = argparse.ArgumentParser(prog=f"python -m training ablations: {study.system(ablation)}")
-        study.stage.add_arguments(parser)
-        if study.stage.run(parser.parse_args([str(word) for word in words])) != 0 or not settings.brings(study.network):
-            raise ArmError(f"{weights}: was not fitted; see the lines above")
+        ablated_albedo.fit(ablation, args.cache, weights, config, VIEWS)
     return found
 
 
@@ -232,16 +196,9 @@ def table(study: Study, fits: dict[str, Settings], results: Sequence[ObjectResul
 
 def setting_text(study: Study, steps: int, results: Sequence[ObjectResult], args: argparse.Namespace) -> str:
     """What was fitted on what, and measured on what."""
-    if study is ALBEDO:
-        samples = atlases.files(args.cache)
-        objects, held_out = len({instant_albedo.owner(path) for path in samples}), "one in twenty"
-        text = (
-            f"{steps} steps of one atlas and {VIEWS} views each, learning rate {ALBEDO_RATE:g}; {len(samples)} samples"
-        )
-    else:
-        samples = shards.rigs(args.shards)
-        objects, held_out = len({rig.parent for rig in samples}), "about one in 32"
-        text = f"{steps} steps of two objects each; {len(samples)} rigs"
+    samples = atlases.files(args.cache)
+    objects, held_out = len({instant_albedo.owner(path) for path in samples}), "one in twenty"
+    text = f"{steps} steps of one atlas and {VIEWS} views each, learning rate {ALBEDO_RATE:g}; {len(samples)} samples"
     text = f"{study.title}: {text} of {objects} objects, of which {held_out} only validates."
     if not results:
         return f"{text} Nothing else was measured."

@@ -24,7 +24,7 @@ from arm_blender.models.paper.georm import RAW_ISO, GeoRM
 from arm_blender.models.paper.glossyrm import GlossyRM
 from arm_blender.models.paper.instant_albedo import PAPER as PAPER_ALBEDO
 from arm_blender.models.paper.instant_albedo import PaperInstantAlbedo
-from arm_blender.models.paper.reconstruction import PAPER, EncodedViews
+from arm_blender.models.paper.reconstruction import PAPER, EncodedPlanes
 from arm_blender.report import own_peak_mib
 from arm_blender.structures import TexelMap, TexelViews, stack_cameras
 
@@ -66,7 +66,7 @@ class Run:
 class WithBall(GeoRM):
     """GeoRM with a ball added to its density: random weights alone have no surface of a usual size."""
 
-    def occupancy_logit(self, encoded: EncodedViews, points: Tensor) -> Tensor:
+    def occupancy_logit(self, encoded: EncodedPlanes, points: Tensor) -> Tensor:
         return super().occupancy_logit(encoded, points) + ball(points)
 
 

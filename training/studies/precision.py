@@ -43,8 +43,8 @@ Errors of float32 and of bfloat16 (autocast) against float64 on the same inputs:
 values in float64 lie from their mean at most. *small* has its weights and reads the views of `{views}`; *paper, narrow*
 is as deep as `paper` and has random ones. Each part reads what it was given in one run in float32. GeoRM as a whole
 encodes in bfloat16 and decodes in float32; it also decides whether a ray meets the visual hull, and rays that graze it
-fall to the other side in other arithmetic. In the transformer of *small* the errors of single tokens grow from layer to
-layer. Fourier transforms, the BRDF, the rasteriser and the iso-surface compute in float32 under autocast, too."""
+fall to the other side in other arithmetic. Fourier transforms, the BRDF, the rasteriser and the iso-surface compute in
+float32 under autocast, too."""
 
 HEADER = ("part", "small: float32", "small: bfloat16", "paper, narrow: float32", "paper, narrow: bfloat16")
 
@@ -68,13 +68,12 @@ GEORM_PARTS = {
     "image encoder": "encoder",
     "triplane transformer": "transformer",
     "upsampler of the planes": "upsampler",
-    "feature pyramid": "pyramid",
     "feature volume": "volume",
     "detail volume": "detail",
     "points read in the views": "reader",
     "decoder of points": "decoder",
 }
-"""What the table calls them, and where they are in a `ReconstructionModel`."""
+"""What the table calls them, and where they are in either preset's."""
 
 ALBEDO_PARTS = {"material encoder": "encoder", "U-Net": "unet", "FFC-Net": "ffc"}
 """As above, in `InstantAlbedo`."""
@@ -82,6 +81,9 @@ ALBEDO_PARTS = {"material encoder": "encoder", "U-Net": "unet", "FFC-Net": "ffc"
 
 Cells = tuple[str, str]
 """Of the table: what float32 gives, and what bfloat16 gives."""
+
+NOTHING: Cells = ("-", "-")
+"""Of a part that a network has not."""
 
 
 def table(views: ViewSet) -> list[list[object]]:
@@ -91,7 +93,7 @@ def table(views: ViewSet) -> list[list[object]]:
         views: of an object; both read it.
     """
     small, narrow = dict(network_errors(PRESETS["small"], views, True)), dict(network_errors(NARROW, views, False))
-    rows = [[part, *small[part], *narrow.get(part, ("-", "-"))] for part in small]
+    rows = [[part, *small[part], *narrow.get(part, NOTHING)] for part in small]
     return rows + [[part, *errors, "-", "-"] for part, errors in graphics_errors(views)]
 
 
@@ -113,7 +115,7 @@ def network_errors(preset: Preset, views: ViewSet, shipped: bool) -> Iterator[tu
         with torch.autocast("cpu", enabled=False):  # As training does: encoded in half precision, decoded in single.
             return network.occupancy_logit(encoded if points.dtype == torch.float64 else encoded.float(), points)
 
-    yield from _part_errors(georm.model, GEORM_PARTS, lambda: logits(georm, *inputs))
+    yield from _part_errors(getattr(georm, "model", georm), GEORM_PARTS, lambda: logits(georm, *inputs))
     yield "GeoRM, views to logits of points", compared(logits, georm, *inputs)
     single, half, exact = (x[0] > 0.0 for x in in_three_precisions(logits, georm, *inputs))
     if bool(exact.any()) and not bool(exact.all()):  # Random weights may find all of the box on one side.
@@ -137,7 +139,7 @@ def built(name: str, config: Any, shipped: bool) -> nn.Module:
 
 
 def _part_errors(network: nn.Module, parts: dict[str, str], run: Callable[[], object]) -> Iterator[tuple[str, Cells]]:
-    """Each part of `network` on what it read when the whole was run."""
+    """Each part of `network`, if it has it, on what it read when the whole was run."""
     read: dict[str, tuple] = {}
     modules = {part: network.get_submodule(name) for part, name in parts.items() if hasattr(network, name)}
     handles = [
@@ -149,8 +151,9 @@ def _part_errors(network: nn.Module, parts: dict[str, str], run: Callable[[], ob
     finally:
         for handle in handles:
             handle.remove()
-    for part, module in modules.items():
-        yield part, compared(lambda network, *args: network(*args), module, *read[part])
+    for part in parts:
+        found = modules.get(part)
+        yield part, compared(lambda network, *args: network(*args), found, *read[part]) if found else NOTHING
 
 
 def _atlas(views: ViewSet) -> tuple:

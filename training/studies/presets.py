@@ -14,6 +14,14 @@ from arm_blender.weight_files.unallocated import unallocated
 
 from ..documents import fill_block, markdown_table
 
+TITLES = {
+    "georm": "GeoRM",
+    "glossyrm": "GlossyRM",
+    "instant_albedo": "InstantAlbedo",
+    "ray_occupancy": "RayOccupancy",
+}
+"""Of the networks, in the table's order."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The words of `python -m training presets`."""
@@ -34,26 +42,27 @@ def run(args: argparse.Namespace) -> int:
 def presets_table() -> str:
     """Markdown: a row per network and per part of it, a column per preset."""
     counts = {preset: network_parameters(preset) for preset in PRESETS}
-    rows = [
-        [part, *(_readable(counts[preset][part]) if part in counts[preset] else "-" for preset in PRESETS)]
-        for part in counts["small"]  # It has every part of `paper`, and some more.
+    keys = [
+        (name, part)
+        for name in TITLES
+        for part in dict.fromkeys(part for found in counts.values() for part in found[name])
     ]
+    rows = []
+    for name, part in keys:
+        numbers = [found[name].get(part) for found in counts.values()]
+        title = f"{TITLES[name]}, {part}" if part else f"**{TITLES[name]}**"
+        rows.append([title, *("-" if number is None else _readable(number) for number in numbers)])
     return markdown_table(["parameters", *PRESETS], rows)
 
 
-def network_parameters(preset: str) -> dict[str, int]:
-    """Parameters of every network of a preset, and of the parts that they are made of."""
-    configs = PRESETS[preset]
-    with unallocated():
-        modules = {name: networks.build(name, getattr(configs, name)) for name in configs.networks}
-    geometry, colours = modules["georm"], modules["instant_albedo"]
-    counts = {"**GeoRM**": _count(geometry)}
-    counts |= {f"GeoRM, {part}": _count(module) for part, module in geometry.model.named_children()}
-    counts["**GlossyRM** (the parts of GeoRM)"] = _count(modules["glossyrm"])
-    counts["**InstantAlbedo**"] = _count(colours)
-    counts |= {f"InstantAlbedo, {part}": _count(module) for part, module in colours.named_children()}
-    if "ray_occupancy" in modules:
-        counts["**RayOccupancy**"] = _count(modules["ray_occupancy"])
+def network_parameters(preset: str) -> dict[str, dict[str, int]]:
+    """Parameters of every network of a preset by its name: of the whole, under "", and of its parts."""
+    configs, counts = PRESETS[preset], {name: dict[str, int]() for name in TITLES}
+    for name in configs.networks:
+        with unallocated():
+            network = networks.build(name, getattr(configs, name))
+        parts = getattr(network, "model", network).named_children()
+        counts[name] = {"": _count(network)} | {part: _count(module) for part, module in parts}
     return counts
 
 

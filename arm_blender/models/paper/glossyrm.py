@@ -6,7 +6,7 @@ The architecture of GeoRM, and its weights to start from; decoded per texel at i
 from torch import Tensor, nn
 
 from ..network_views import NetworkViews
-from .reconstruction import EncodedViews, ReconstructionConfig, ReconstructionModel
+from .reconstruction import EncodedPlanes, ReconstructionConfig, ReconstructionModel
 
 
 class GlossyRM(nn.Module):
@@ -20,19 +20,16 @@ class GlossyRM(nn.Module):
         self.config = config
         self.model = ReconstructionModel(config, outputs=2)
 
-    def encode(self, views: NetworkViews) -> EncodedViews:
+    def encode(self, views: NetworkViews) -> EncodedPlanes:
         """Everything that points are decoded from."""
         return self.model.encode(views)
 
-    def forward(self, encoded: EncodedViews, points: Tensor) -> Tensor:
+    def forward(self, encoded: EncodedPlanes, points: Tensor) -> Tensor:
         """(B, P, 2) roughness and metallic in (0, 1) at world points (B, P, 3)."""
-        return self.model.decode(encoded, points)[0].sigmoid()
+        return self.model.decode(encoded, points).sigmoid()
 
     def load_geometry(self, weights: dict[str, Tensor]) -> None:
-        """Start from GeoRM's weights: all but the last layers, whose outputs mean something else, and the details."""
-        last = (f"model.decoder.{len(self.model.decoder) - 1}.", "model.coarse.")
-        own = self.state_dict()
-        kept = {key: value for key, value in weights.items() if not key.startswith((*last, "model.detail"))}
-        first = "model.decoder.0.weight"  # What the details tell stands last.
-        kept[first] = kept[first][:, : own[first].shape[1]]
-        self.load_state_dict({**{key: value for key, value in own.items() if key.startswith(last)}, **kept})
+        """Start from GeoRM's weights: all but the last layer, whose outputs mean something else."""
+        last = f"model.decoder.{len(self.model.decoder) - 1}."
+        own = {key: value for key, value in self.state_dict().items() if key.startswith(last)}
+        self.load_state_dict(weights | own)

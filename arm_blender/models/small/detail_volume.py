@@ -10,8 +10,8 @@ from torch.nn import functional as F
 
 from ...graphics.visual_hull import Outlines, hull_vote
 from ...graphics.voxels import cell_centers, sample_volume
-from .feature_volume import COLORS, FeatureVolumeConfig, ResidualBlock, clear_of_outlines, compared_colors
-from .pixel_aligned import ViewFeatures
+from .feature_volume import COLORS, ResidualBlock, clear_of_outlines, compared_colors
+from .hull_views import HullViews
 
 GEOMETRY = 10
 """Numbers that a cell knows beside colours and the coarse volume's features."""
@@ -26,14 +26,15 @@ STEPS = 44
 class DetailVolume(nn.Module):
     """A coarse volume and its views to a finer one."""
 
-    def __init__(self, config: FeatureVolumeConfig, hull_gain: float) -> None:
+    def __init__(self, grid: int, coarse: int, channels: int, hull_gain: float) -> None:
+        """Cells a side and channels of the coarse volume, channels of this, and the gain of `hull_vote`."""
         super().__init__()
-        self.grid, self.hull_gain, channels = 2 * config.grid, hull_gain, config.detail
-        self.lift = nn.Conv3d(config.channels + GEOMETRY + len(SEEN) * COLORS, channels, 1)
+        self.grid, self.hull_gain = 2 * grid, hull_gain
+        self.lift = nn.Conv3d(coarse + GEOMETRY + len(SEEN) * COLORS, channels, 1)
         self.blocks = nn.Sequential(ResidualBlock(channels), ResidualBlock(channels))
 
-    def forward(self, views: ViewFeatures, volume: Tensor, occupancy: Tensor) -> Tensor:
-        """(B, detail, 2 G, 2 G, 2 G) indexed z, y, x.
+    def forward(self, views: HullViews, volume: Tensor, occupancy: Tensor) -> Tensor:
+        """(B, channels, 2 G, 2 G, 2 G) indexed z, y, x.
 
         Args:
             views: whose outlines and colours are compared.

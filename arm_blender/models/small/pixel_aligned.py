@@ -1,11 +1,10 @@
 """Pixel-aligned features: a point looks itself up in every view (PIFu, https://arxiv.org/abs/1905.05172).
 
 Not in the paper. A triplane alone learns where things are from millions of images; a small network on a CPU gets it
-from projection. For each view a point finds the image features, the coverage and the signed distance to the silhouette
-there, and how far it lies in front of the surface that the view itself seems to show (a depth predicted for each pixel
-and supervised in training). The views are pooled so that their number and order do not matter. What they disagree on
-(the variance) tells free space from surface, and the smallest silhouette distance is the visual hull: a start that
-learning carves.
+from projection. For each view a point finds the coverage and the signed distance to the silhouette there, how far it
+lies in front of the surface that the view shows, and image features where there are any. The views are pooled so that
+their number and order do not matter. What they disagree on (the variance) tells free space from surface, and the
+smallest silhouette distance is the visual hull: a start that learning carves.
 """
 
 from dataclasses import dataclass
@@ -15,92 +14,6 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from ...graphics.visual_hull import Outlines
-
-
-@dataclass(frozen=True)
-class PixelAlignedConfig:
-    """What a point reads in the views, and how far it trusts their outlines."""
-
-    channels: int = 24
-    """Of the convolutional features at half of the image's resolution."""
-    hidden: int = 48
-    """Of the network that reads a point in one view, and of each pooled feature."""
-    normed: bool = False
-    """Features have mean 0 and variance 1 at each pixel. Without, they grow until they drown the geometry that stands
-    beside them in whatever reads both; the shipped weights were made so."""
-    hull_gain: float = 50.0
-    """Occupancy logits for each world unit outside of the visual hull, or (a little way) inside: where learning starts.
-    About 1 / temperature of the occupancy warm-up; 0 leaves the hull to be learnt from the features."""
-
-
-@dataclass(frozen=True)
-class ViewFeatures:
-    """What points look up. B objects of V views each.
-
-    Attributes:
-        maps: (B, V, C, h, w) image features.
-        depth: (B, V, 1, h, w) predicted depth of the visible surface beyond the origin's, world units.
-        outlines: of the views, where points are found.
-        colors: (B, V, 4, h, w) sRGB of the object less a half, 0 where it is not, and coverage; None where the feature
-            volume does not compare colours.
-    """
-
-    maps: Tensor
-    depth: Tensor
-    outlines: Outlines
-    colors: Tensor | None = None
-
-
-class ResidualConv(nn.Module):
-    """x + conv(relu(conv(relu(x)))), as (B, C, H, W)."""
-
-    def __init__(self, channels: int) -> None:
-        super().__init__()
-        self.conv1 = nn.Conv2d(channels, channels, 3, padding=1)
-        self.conv2 = nn.Conv2d(channels, channels, 3, padding=1)
-
-    def forward(self, x: Tensor) -> Tensor:
-        return x + self.conv2(F.relu(self.conv1(F.relu(x))))
-
-
-class FeaturePyramid(nn.Module):
-    """A view to features and depth at half resolution; the image encoder's tokens and the hull join at a quarter."""
-
-    INPUTS = 6
-
-    def __init__(self, channels: int, token_width: int, normed: bool) -> None:
-        super().__init__()
-        self.normed = normed
-        self.to_half = nn.Sequential(nn.Conv2d(self.INPUTS, channels, 3, stride=2, padding=1), ResidualConv(channels))
-        self.to_quarter = nn.Sequential(
-            nn.Conv2d(channels + 2, 2 * channels, 3, stride=2, padding=1),
-            ResidualConv(2 * channels),
-            ResidualConv(2 * channels),
-        )
-        self.from_tokens = nn.Conv2d(token_width, 2 * channels, 1)
-        self.merge = nn.Sequential(
-            ResidualConv(2 * channels), nn.ReLU(), nn.Conv2d(2 * channels, channels, 3, padding=1)
-        )
-        self.to_depth = nn.Sequential(ResidualConv(channels), nn.ReLU(), nn.Conv2d(channels, 1, 1))
-
-    def forward(self, images: Tensor, tokens: Tensor, hull: Tensor) -> tuple[Tensor, Tensor]:
-        """Features (B, C, H/2, W/2) and depth (B, 1, H/2, W/2).
-
-        Args:
-            images: (B, 6, H, W) colour, coverage, silhouette distance and size of a pixel in world units.
-            tokens: (B, D, h, w).
-            hull: (B, 2, H/2, W/2) whether the visual hull is met, and its depth: what the depth starts from.
-        """
-        half = self.to_half(images)
-        quarter = self.to_quarter(torch.cat([F.relu(half), hull], dim=1))
-        tokens = F.interpolate(self.from_tokens(tokens), size=quarter.shape[-2:], mode="bilinear", align_corners=False)
-        merged = self.merge(quarter + tokens)
-        features = half + F.interpolate(merged, size=half.shape[-2:], mode="bilinear", align_corners=False)
-        depth = hull[:, 1:] + self.to_depth(features)
-        if self.normed:
-            features = F.layer_norm(features.movedim(1, -1), features.shape[1:2]).movedim(-1, 1)
-        return features, depth
-
 
 GEOMETRY = 14
 """Numbers of `Lookup.geometry`."""
@@ -126,11 +39,15 @@ class Lookup:
     distance: Tensor
 
 
-def look_up(views: ViewFeatures, points: Tensor) -> Lookup:
-    """Project world points (B, P, 3) into every view and read what is there, bilinearly."""
-    outlines = views.outlines
+def look_up(outlines: Outlines, maps: Tensor, points: Tensor) -> Lookup:
+    """Project world points (B, P, 3) into every view and read what is there, bilinearly.
+
+    Args:
+        maps: (B, V, C + 1, h, w) image features, none if C is 0, and last the depth of the surface that the view shows,
+            beyond the origin's, world units.
+    """
     seen = outlines.project(points)
-    found = seen.sample(torch.cat([views.maps, views.depth], dim=2))
+    found = seen.sample(maps)
     features, surface = found[..., :-1], found[..., -1]
     coverage, distance = outlines.read(seen)
     offset = seen.depth - outlines.range.unsqueeze(-1)
@@ -155,21 +72,25 @@ def look_up(views: ViewFeatures, points: Tensor) -> Lookup:
 class PointReader(nn.Module):
     """Reads points in all views and pools what it finds."""
 
-    def __init__(self, config: PixelAlignedConfig) -> None:
+    def __init__(self, hidden: int, features: int = 0) -> None:
+        """Sizes: channels of the network that reads a point in one view, and of the image features."""
         super().__init__()
-        hidden = config.hidden
         self.per_view = nn.Sequential(
-            nn.Linear(config.channels + GEOMETRY, hidden),
+            nn.Linear(features + GEOMETRY, hidden),
             nn.ReLU(),
             nn.Linear(hidden, hidden),
             nn.ReLU(),
             nn.Linear(hidden, hidden + 1),
         )
-        self.outputs = 2 * hidden + config.channels + 7
+        self.outputs = 2 * hidden + features + 7
 
-    def forward(self, views: ViewFeatures, points: Tensor) -> tuple[Tensor, Tensor]:
-        """Features (B, P, outputs) of world points (B, P, 3), and their hull distance (B, P) as `hull_distance`."""
-        seen = look_up(views, points)
+    def forward(self, outlines: Outlines, maps: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
+        """What points are decoded from (B, P, outputs), and their hull distance (B, P) as `hull_distance`.
+
+        Args:
+            outlines, maps, points: as of `look_up`.
+        """
+        seen = look_up(outlines, maps, points)
         read = self.per_view(torch.cat([seen.features, seen.geometry], dim=-1))
         value, score = F.relu(read[..., :-1]), read[..., -1:]
         weight = torch.softmax(score + seen.framed.unsqueeze(-1).clamp(min=1e-4).log(), dim=1)

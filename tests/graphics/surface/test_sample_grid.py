@@ -14,7 +14,7 @@ from arm_blender.graphics.connectivity import components, half_edges
 from arm_blender.graphics.raster.rasterize import rasterize
 from arm_blender.graphics.surface.isosurface import IsosurfaceConfig, extract
 from arm_blender.models.network_views import network_views
-from arm_blender.models.paper.georm import GeoRM
+from arm_blender.models.small.volume_georm import VolumeGeoRM
 from arm_blender.structures import ViewSet
 from arm_blender.views.rigs import zero123plus_rig
 from arm_blender.weight_files import checkpoints
@@ -91,8 +91,8 @@ SHAPES = {
 
 
 @pytest.fixture(scope="module")
-def georm() -> GeoRM:
-    network, path = GeoRM(PRESETS["small"].georm), Settings().weights("georm")
+def georm() -> VolumeGeoRM:
+    network, path = VolumeGeoRM(PRESETS["small"].georm), Settings().weights("georm")
     checkpoints.restore(network, checkpoints.load(path, type(network.config))[1], path)
     return network.eval()
 

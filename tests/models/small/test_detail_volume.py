@@ -1,7 +1,5 @@
 """The finer volume: where rays meet what the coarse one found, and what cells know of colours there."""
 
-from dataclasses import replace
-
 import torch
 import trimesh
 from torch import Tensor
@@ -11,16 +9,15 @@ from arm_blender.graphics.raster.rasterize import interpolate, rasterize_views
 from arm_blender.graphics.visual_hull import Outlines, signed_silhouette_distance
 from arm_blender.graphics.voxels import cell_centers
 from arm_blender.models.network_views import network_views
-from arm_blender.models.paper.georm import GeoRM
 from arm_blender.models.small.detail_volume import COLORS, GEOMETRY, SEEN, DetailVolume, meets
-from arm_blender.models.small.feature_volume import FeatureVolumeConfig, halved, object_colors
-from arm_blender.models.small.pixel_aligned import ViewFeatures
+from arm_blender.models.small.feature_volume import halved, object_colors
+from arm_blender.models.small.hull_views import HullViews
 from arm_blender.structures import TriangleMesh, stack_cameras
 
-from ..paper.test_reconstruction import TINY, ball_views
+from ..balls import ball_views
+from .test_volume_georm import TINY
 
-RADIUS, CONFIG = 0.6, FeatureVolumeConfig(grid=16, channels=4, colors=True, detail=4)
-DETAILED = replace(TINY, volume=FeatureVolumeConfig(grid=8, channels=4, votes=True, colors=True, detail=4))
+RADIUS = 0.6
 
 
 def ball_outlines(size: int = 64) -> Outlines:
@@ -59,10 +56,9 @@ def test_where_the_surface_is_the_views_agree_on_its_colours():
     c2w, K = (x[None] for x in stack_cameras(cameras))
     silhouette = torch.stack([coverage, signed_silhouette_distance(coverage)], dim=1)[None]
     outlines = Outlines(silhouette, c2w, K)
-    maps = torch.zeros(1, 6, 1, 1, 1)
-    views = ViewFeatures(maps, maps, outlines, object_colors(images, 0.0, 80)[None])
+    views = HullViews(outlines, torch.zeros(1, 6, 1, 1, 1), object_colors(images, 0.0, 80)[None])
     caught = []
-    volume = DetailVolume(CONFIG, hull_gain=50.0)
+    volume = DetailVolume(grid=16, coarse=4, channels=4, hull_gain=50.0)
     volume.lift.register_forward_hook(lambda module, inputs, output: caught.append(inputs[0]))
     radius = cell_centers(16, torch.device("cpu")).norm(dim=1).view(1, 1, 16, 16, 16)
     volume(views, torch.zeros(1, 4, 16, 16, 16), (RADIUS - radius) / 0.02)
@@ -82,15 +78,3 @@ def test_colours_of_twice_the_size_are_those_of_half_the_picture():
     images[:, :3] *= images[:, 3:]
     expected = object_colors(images, 0.0, 16)
     torch.testing.assert_close(halved(object_colors(images, 0.0, 32)[None])[0], expected)
-
-
-@torch.no_grad()
-def test_a_network_with_details_knows_no_order_of_the_views():
-    torch.manual_seed(0)
-    network, points = GeoRM(DETAILED).eval(), 2.0 * torch.rand(1, 50, 3) - 1.0
-    views = ball_views(0.7)
-    found = [
-        network.occupancy_logit(network.encode(network_views(v, DETAILED)), points)
-        for v in (views, views.only([3, 0, 5, 1, 4, 2]))
-    ]
-    torch.testing.assert_close(found[0], found[1], atol=1e-4, rtol=0)

@@ -23,7 +23,7 @@ from arm_blender.models.small.ray_occupancy import (
 from arm_blender.models.unet import UnetConfig
 from arm_blender.structures import ViewSet
 
-from ..paper.test_reconstruction import ball_views
+from ..balls import ball_views
 
 TINY = RayOccupancyConfig(size=32, unet=UnetConfig(widths=(8, 16), out_channels=8, stem_stride=2), depths=16)
 EYES = torch.stack([orbit_camera(a, e, d, 30.0, 8, 8).center for a, e, d in ((0, 10, 6), (140, -15, 3), (250, 70, 9))])

@@ -11,7 +11,7 @@ import trimesh
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.graphics.raster.rasterize import interpolate, rasterize
 from arm_blender.models.paper.georm import GeoRM
-from arm_blender.models.paper.reconstruction import SMALL
+from arm_blender.models.paper.reconstruction import PAPER
 from arm_blender.structures import TriangleMesh, UvMesh
 from arm_blender.uv.unwrap import UnwrapConfig
 from arm_blender.weight_files import checkpoints
@@ -81,25 +81,24 @@ def assert_same(one: object, other: object) -> None:
         assert one == other
 
 
-@pytest.mark.parametrize("load", [point_samples.load_occupancy, point_samples.load_gloss])
-def test_points(both, load):
-    one, other = ([load(path) for path in shards.rigs(place)] for place in both)
+def test_points(both):
+    one, other = ([point_samples.load_occupancy(path) for path in shards.rigs(place)] for place in both)
     assert len(one) == 4
     assert_same(one, other)
 
 
 def test_views(both):
-    one, other = ([view_samples.load(path, SMALL) for path in shards.rigs(place)] for place in both)
+    one, other = ([view_samples.load(path, PAPER) for path in shards.rigs(place)] for place in both)
     assert len(one) == 4 and float(one[0].truth.mask.mean()) > 0.1
     assert_same(one, other)
 
 
-def test_finish_on_shapes_of_a_network(both, tiny_network, tmp_path):
+def test_finish_on_shapes_of_a_network(both, plane_network, tmp_path):
     weights = tmp_path / "georm.safetensors"
     torch.manual_seed(0)
-    checkpoints.save(weights, GeoRM(tiny_network).state_dict(), tiny_network, "georm")
+    checkpoints.save(weights, GeoRM(plane_network).state_dict(), plane_network, "georm")
     shapes = Shapes(weights, 16, torch.device("cpu"))
-    one, other = ([shapes.load(path, tiny_network) for path in shards.rigs(place)[:2]] for place in both)
+    one, other = ([shapes.load(path, plane_network) for path in shards.rigs(place)[:2]] for place in both)
     assert one[0].gloss.shape == (8, 2, SIZE, SIZE)
     assert_same(one, other)
 
@@ -111,14 +110,6 @@ def test_outlines_and_what_validates(both):
     held_out = [point_samples.load_held_out(place) for place in both]
     assert len(held_out[0]) == 2
     assert_same(*held_out)
-
-
-def test_a_cache_draws_the_same_batches(both):
-    one, other = (
-        point_samples.SampleCache(place, point_samples.load_occupancy).batch(2, 64, torch.Generator().manual_seed(0))
-        for place in both
-    )
-    assert_same(one, other)
 
 
 def test_atlases(both, tmp_path, monkeypatch):

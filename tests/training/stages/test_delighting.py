@@ -9,10 +9,9 @@ import torch
 from torch.nn import functional
 
 from arm_blender.graphics.light.spherical_harmonics import COUNT, WHITE, gathered
-from arm_blender.models.paper.georm import GeoRM
-from arm_blender.models.paper.reconstruction import SMALL
 from arm_blender.models.small.delighting import REFLECTED, Delighting, DelightingConfig, SeenPoints
 from arm_blender.models.small.instant_albedo import SMALL as SMALL_ALBEDO
+from arm_blender.models.small.volume_georm import VolumeGeoRM, VolumeGeoRMConfig
 from arm_blender.weight_files import checkpoints
 from training import __main__ as command
 from training.datasets import delighting_samples
@@ -153,7 +152,7 @@ def georm(tmp_path):
     """Weights of a GeoRM that has learnt nothing: its shape is the visual hull."""
     torch.manual_seed(0)
     path = tmp_path / "georm.safetensors"
-    checkpoints.save(path, GeoRM(SMALL).state_dict(), SMALL, "small.georm")
+    checkpoints.save(path, VolumeGeoRM(VolumeGeoRMConfig()).state_dict(), VolumeGeoRMConfig(), "small.georm")
     return path
 
 

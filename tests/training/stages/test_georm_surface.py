@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from arm_blender.models.paper.georm import GeoRM
-from arm_blender.models.paper.reconstruction import SMALL, ReconstructionConfig
+from arm_blender.models.paper.reconstruction import ReconstructionConfig
 from arm_blender.weight_files import checkpoints
 from training import __main__ as command
 from training.datasets import view_samples
@@ -15,6 +15,7 @@ from training.datasets.view_samples import ViewSample
 from training.losses import SurfaceMaps
 from training.stages import georm_surface
 from training.stages.georm_surface import SurfaceConfig, pull_towards_truth, sample_loss
+from training.stages.rendered_views import TINY
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -49,10 +50,10 @@ def known(sample: ViewSample) -> Solid:
 
 
 @pytest.mark.parametrize("name", ["one", "two", "three"])
-def test_the_truth_costs_almost_nothing_however_it_is_moved(shards, tiny_network, name):
+def test_the_truth_costs_almost_nothing_however_it_is_moved(shards, plane_network, name):
     """And a ball that is smaller, or elsewhere, costs more; the gradient leads back."""
     draws = torch.Generator()
-    sample = view_samples.moved(view_samples.load(shards / name / "rig_0.npz", tiny_network), draws.manual_seed(3))
+    sample = view_samples.moved(view_samples.load(shards / name / "rig_0.npz", plane_network), draws.manual_seed(3))
     config, ball = replace(FEW, grid=48, side=48), known(sample)
     cost = total(sample_loss(ball, sample, config, draws.manual_seed(0)))
     assert cost < 0.03
@@ -66,9 +67,9 @@ def test_the_truth_costs_almost_nothing_however_it_is_moved(shards, tiny_network
 
 
 @pytest.mark.parametrize("offset", [-1e4, -30.0, 1e4], ids=["empty", "almost", "full"])
-def test_without_a_surface_the_gradient_pulls_one_out(shards, tiny_network, offset):
+def test_without_a_surface_the_gradient_pulls_one_out(shards, plane_network, offset):
     """Solid behind the true surface, empty before it: by the signs of the density's own gradient."""
-    sample = view_samples.load(shards / "one" / "rig_0.npz", tiny_network)  # A ball of 0.6 in the middle.
+    sample = view_samples.load(shards / "one" / "rig_0.npz", plane_network)  # A ball of 0.6 in the middle.
     asked, raw = [], []
 
     def field(points: Tensor) -> Tensor:
@@ -88,11 +89,10 @@ def test_without_a_surface_the_gradient_pulls_one_out(shards, tiny_network, offs
         assert bool((radius[gradient > 0.0] > 0.57).all()) and bool((gradient >= 0.0).all())
 
 
-@pytest.mark.parametrize("fixture", ["plane_network", "tiny_network"])
-def test_one_object_is_learnt_from_a_box_without_a_surface(shards, request, fixture):
-    """The modules of each preset at a test's size, from raw densities far below the iso value."""
+def test_one_object_is_learnt_from_a_box_without_a_surface(shards, plane_network):
+    """The paper's modules at a test's size, from raw densities far below the iso value."""
     torch.manual_seed(0)
-    network = request.getfixturevalue(fixture)
+    network = plane_network
     model, sample = GeoRM(network), view_samples.load(shards / "one" / "rig_0.npz", network)
     with torch.no_grad():
         model.model.decoder[-1].bias -= 20.0
@@ -112,9 +112,9 @@ def test_one_object_is_learnt_from_a_box_without_a_surface(shards, request, fixt
     assert sum(costs[-10:]) < 0.5 * sum(costs[:10])
 
 
-def test_a_view_without_foreground_teaches_emptiness(shards, tiny_network):
+def test_a_view_without_foreground_teaches_emptiness(shards, plane_network):
     """Nothing to see, depth at infinity, one view of one object: finite terms; gradients make the box emptier."""
-    sample = view_samples.load(shards / "one" / "rig_0.npz", tiny_network)
+    sample = view_samples.load(shards / "one" / "rig_0.npz", plane_network)
     size = sample.truth.mask.shape
     far = torch.full(size, torch.inf)
     empty = replace(sample, truth=SurfaceMaps(torch.zeros(size), far, torch.zeros(size[0], 3, *size[1:])))
@@ -132,12 +132,12 @@ def test_a_view_without_foreground_teaches_emptiness(shards, tiny_network):
 
 
 def test_a_fit_leaves_weights_a_record_and_a_picture(shards, tmp_path, monkeypatch):
-    monkeypatch.setattr(georm_surface, "SMALL_SURFACE", FEW)
+    monkeypatch.setattr(georm_surface, "TINY_SURFACE", FEW)
     output = tmp_path / "surface.safetensors"
     words = ["fit", "georm-surface", "--shards", str(shards), "--steps", "3", "--log-every", "1", "--recompute"]
     assert command.main([*words, "--output", str(output), "--fewer-views", "0.5", "--average", "0"]) == 0
     config, state = checkpoints.load(output, ReconstructionConfig)
-    assert config == SMALL
+    assert config == TINY
     checkpoints.restore(GeoRM(config), state, output)
     record = tmp_path / "runs" / "surface"
     assert {"config.json", "scalars.csv", "validation.png"} <= {path.name for path in record.iterdir()}

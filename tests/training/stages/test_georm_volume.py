@@ -7,7 +7,7 @@ import torch
 
 from arm_blender.models.network_views import NetworkViews
 from arm_blender.models.paper.georm import RAW_ISO, GeoRM
-from arm_blender.models.paper.reconstruction import PAPER, SMALL, ReconstructionConfig
+from arm_blender.models.paper.reconstruction import PAPER, ReconstructionConfig
 from arm_blender.weight_files import checkpoints
 from training import __main__ as command
 from training.datasets import view_samples
@@ -15,6 +15,7 @@ from training.datasets.view_samples import ViewSample
 from training.losses import SurfaceMaps
 from training.stages import georm_volume, rendered_views
 from training.stages.georm_volume import VolumeConfig, rendering_loss, sample_loss
+from training.stages.rendered_views import TINY
 from training.volume_rendering import SamplingConfig
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -49,10 +50,10 @@ def known(sample: ViewSample) -> Solid:
 
 @torch.no_grad()
 @pytest.mark.parametrize("name", ["one", "two", "three"])
-def test_the_truth_costs_almost_nothing_however_it_is_moved(shards, tiny_network, name):
+def test_the_truth_costs_almost_nothing_however_it_is_moved(shards, plane_network, name):
     """And a ball that is smaller, or elsewhere, costs more."""
     config, draws = VolumeConfig(SamplingConfig(64, 64), window=32, resolutions=(48, 48)), torch.Generator()
-    sample = view_samples.moved(view_samples.load(shards / name / "rig_0.npz", tiny_network), draws.manual_seed(3))
+    sample = view_samples.moved(view_samples.load(shards / name / "rig_0.npz", plane_network), draws.manual_seed(3))
     assert float(sample.vertices.abs().max()) <= 1.0
     ball = known(sample)
     terms = sample_loss(ball, sample, config, draws.manual_seed(0))
@@ -65,11 +66,10 @@ def test_the_truth_costs_almost_nothing_however_it_is_moved(shards, tiny_network
         assert float(sum(others.values())) > 2.0 * float(sum(terms.values()))
 
 
-@pytest.mark.parametrize(("fixture", "share"), [("plane_network", 0.9), ("tiny_network", 0.5)])
-def test_fifty_steps_lower_the_loss_on_fixed_data(shards, request, fixture, share):
-    """An object a step; the modules of each preset at a test's size. Planes alone begin with a box that is full."""
+def test_fifty_steps_lower_the_loss_on_fixed_data(shards, plane_network):
+    """An object a step; the paper's modules at a test's size, which begin with a box that is full."""
     torch.manual_seed(0)
-    network = request.getfixturevalue(fixture)
+    network = plane_network
     model = GeoRM(network)
     samples = [view_samples.load(path, network) for path in sorted(shards.glob("*/rig_0.npz"))]
 
@@ -85,11 +85,11 @@ def test_fifty_steps_lower_the_loss_on_fixed_data(shards, request, fixture, shar
         optimizer.zero_grad()
         loss(samples[step % len(samples)]).backward()
         optimizer.step()
-    assert cost() < share * before
+    assert cost() < 0.9 * before
 
 
 def test_a_fit_leaves_weights_that_go_on_and_validates_what_it_never_saw(shards, tmp_path, caplog, monkeypatch):
-    monkeypatch.setattr(georm_volume, "SMALL_VOLUME", FEW)
+    monkeypatch.setattr(georm_volume, "TINY_VOLUME", FEW)
     first, second = tmp_path / "first.safetensors", tmp_path / "second.safetensors"
     words = ["fit", "georm-volume", "--shards", str(shards), "--minutes", "0.01", "--output"]
     with caplog.at_level("INFO"):
@@ -97,7 +97,7 @@ def test_a_fit_leaves_weights_that_go_on_and_validates_what_it_never_saw(shards,
         assert command.main([*words, str(second), "--start", str(first), "--bfloat16"]) == 0
     assert "2 samples to train on, 1 held out" in caplog.text and "validation: depth" in caplog.text
     config, state = checkpoints.load(second, ReconstructionConfig)
-    assert config == SMALL
+    assert config == TINY
     checkpoints.restore(GeoRM(config), state, second)
 
 
@@ -119,7 +119,7 @@ def test_a_window_is_as_large_as_the_distance_needs_and_the_view_allows(shards, 
 
 def test_a_smaller_window_renders_fewer_rays(shards, tmp_path, monkeypatch):
     rendered, render = [], georm_volume.render
-    monkeypatch.setattr(georm_volume, "SMALL_VOLUME", replace(FEW, views=2))
+    monkeypatch.setattr(georm_volume, "TINY_VOLUME", replace(FEW, views=2))
     monkeypatch.setattr(
         georm_volume, "render", lambda field, rays, *more: rendered.append(rays) or render(field, rays, *more)
     )
@@ -129,10 +129,10 @@ def test_a_smaller_window_renders_fewer_rays(shards, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("views", [6, 1])
-def test_a_view_without_foreground_teaches_emptiness(shards, tiny_network, views):
+def test_a_view_without_foreground_teaches_emptiness(shards, plane_network, views):
     """Nothing to see, depth at infinity: finite terms, and gradients that make the box emptier."""
     torch.manual_seed(0)
-    model, sample = GeoRM(tiny_network), view_samples.load(shards / "one" / "rig_0.npz", tiny_network)
+    model, sample = GeoRM(plane_network), view_samples.load(shards / "one" / "rig_0.npz", plane_network)
     nothing = SurfaceMaps(
         torch.zeros(10, SIZE, SIZE), torch.full((10, SIZE, SIZE), torch.inf), torch.zeros(10, 3, SIZE, SIZE)
     )

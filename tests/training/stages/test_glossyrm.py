@@ -9,7 +9,9 @@ import torch
 
 from arm_blender.models.paper.georm import GeoRM
 from arm_blender.models.paper.glossyrm import GlossyRM
-from arm_blender.models.paper.reconstruction import SMALL, SMALL_GLOSSY, ReconstructionConfig
+from arm_blender.models.paper.reconstruction import ReconstructionConfig
+from arm_blender.models.small.volume_georm import VolumeGeoRM, VolumeGeoRMConfig
+from arm_blender.models.triplane import DecoderConfig
 from arm_blender.weight_files import checkpoints
 from training import __main__ as command
 from training.datasets import gloss_samples, view_samples
@@ -17,6 +19,7 @@ from training.datasets.gloss_samples import GlossSample, Shapes
 from training.rendering import shards
 from training.stages import glossyrm, rendered_views
 from training.stages.glossyrm import GlossyConfig, rendered, sample_loss, validation_terms
+from training.stages.rendered_views import TINY
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -25,18 +28,18 @@ FEW = GlossyConfig(grid=24, side=32, views=4)
 
 @pytest.fixture
 def georm(tmp_path) -> Path:
-    """Weights of a GeoRM that has learnt nothing: its shape is the visual hull."""
+    """Weights of a GeoRM that has learnt nothing."""
     torch.manual_seed(0)
     path = tmp_path / "georm.safetensors"
-    checkpoints.save(path, GeoRM(SMALL).state_dict(), SMALL, "small.georm")
+    checkpoints.save(path, GeoRM(TINY).state_dict(), TINY, "tiny.georm")
     return path
 
 
 @pytest.fixture
-def sample(ball_shards, tiny_network) -> GlossSample:
+def sample(ball_shards, plane_network) -> GlossSample:
     """A ball whose upper half is metal; its shape is the true one."""
     path = ball_shards / "one" / "rig_0.npz"
-    plain, mesh = view_samples.load(path, tiny_network), shards.read_mesh(path.with_name("mesh.npz"))
+    plain, mesh = view_samples.load(path, plane_network), shards.read_mesh(path.with_name("mesh.npz"))
     maps = np.load(path)
     gloss = torch.stack([torch.from_numpy(maps[name]).float() / 255.0 for name in ("roughness", "metallic")], dim=1)
     return GlossSample(plain.inputs, plain.c2w, plain.K, plain.truth, mesh.vertices, mesh.faces, gloss)
@@ -96,9 +99,9 @@ def test_moving_an_object_changes_nothing_that_is_compared(sample):
 
 
 @pytest.mark.parametrize("lost", ["surface", "views"])
-def test_without_anything_to_compare_the_loss_is_zero_with_a_finite_gradient(sample, tiny_network, lost):
+def test_without_anything_to_compare_the_loss_is_zero_with_a_finite_gradient(sample, plane_network, lost):
     torch.manual_seed(0)
-    model = GlossyRM(tiny_network)
+    model = GlossyRM(plane_network)
     if lost == "surface":
         sample = replace(sample, vertices=torch.zeros(0, 3), faces=torch.zeros(0, 3, dtype=torch.int64))
     else:
@@ -112,11 +115,10 @@ def test_without_anything_to_compare_the_loss_is_zero_with_a_finite_gradient(sam
     assert all(float(value) == 0.0 for value in errors.values())
 
 
-@pytest.mark.parametrize("fixture", ["plane_network", "tiny_network"])
-def test_one_object_is_learnt(sample, request, fixture):
-    """The modules of each preset at a test's size."""
+def test_one_object_is_learnt(sample, plane_network):
+    """The paper's modules at a test's size."""
     torch.manual_seed(0)
-    model, draws = GlossyRM(request.getfixturevalue(fixture)), torch.Generator().manual_seed(0)
+    model, draws = GlossyRM(plane_network), torch.Generator().manual_seed(0)
     optimizer = torch.optim.Adam(model.parameters(), 3e-3)
 
     def errors() -> tuple[float, float]:
@@ -131,34 +133,37 @@ def test_one_object_is_learnt(sample, request, fixture):
     assert all(new < 0.4 * old for new, old in zip(errors(), before, strict=True))
 
 
-def test_shapes_are_kept_for_the_weights_that_made_them(ball_shards, georm, tmp_path, monkeypatch, tiny_network):
-    path = ball_shards / "one" / "rig_0.npz"
+def test_shapes_are_kept_for_the_weights_that_made_them(ball_shards, tmp_path, monkeypatch, plane_network):
+    path, georm = ball_shards / "one" / "rig_0.npz", tmp_path / "volumes.safetensors"
+    torch.manual_seed(0)
+    network = VolumeGeoRM(VolumeGeoRMConfig())  # It has learnt nothing: its shape is the visual hull.
+    checkpoints.save(georm, network.state_dict(), network.config, "small.georm")
     shapes = Shapes(georm, 24, torch.device("cpu"), tmp_path / "shapes")
-    first = shapes.load(path, tiny_network)
+    first = shapes.load(path, plane_network)
     radius = first.vertices.norm(dim=1)
     assert float(radius.min()) > 0.5 and float(radius.max()) < 0.9  # The hull of a ball of 0.6.
     monkeypatch.setattr(gloss_samples, "extract", None)
-    again = shapes.load(path, tiny_network)
+    again = shapes.load(path, plane_network)
     assert torch.equal(first.vertices, again.vertices) and torch.equal(first.faces, again.faces)
     with pytest.raises(TypeError):  # Another grid: made anew.
-        Shapes(georm, 25, torch.device("cpu"), tmp_path / "shapes").load(path, tiny_network)
+        Shapes(georm, 25, torch.device("cpu"), tmp_path / "shapes").load(path, plane_network)
 
 
 def test_a_fit_starts_from_georm_and_leaves_weights_and_a_picture(ball_shards, georm, tmp_path, monkeypatch):
     monkeypatch.setattr(rendered_views, "is_held_out", lambda path: path.parent.name == "three")
-    monkeypatch.setattr(glossyrm, "SMALL_GLOSSY", FEW)
+    monkeypatch.setattr(glossyrm, "TINY_GLOSSY", FEW)
     output = tmp_path / "glossyrm.safetensors"
     words = ["fit", "glossyrm", "--shards", str(ball_shards), "--georm", str(georm), "--output", str(output)]
     assert command.main([*words, "--steps", "2", "--shapes", str(tmp_path / "shapes")]) == 0
     config, state = checkpoints.load(output, ReconstructionConfig)
-    assert config == SMALL_GLOSSY
+    assert config == TINY
     checkpoints.restore(GlossyRM(config), state, output)
     assert (tmp_path / "runs" / "glossyrm" / "validation.png").exists()
     assert len(list((tmp_path / "shapes").iterdir())) == 3
 
 
 def test_the_georm_of_another_preset_is_refused_in_one_line(ball_shards, georm, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(glossyrm, "GlossyRM", lambda config: GlossyRM(replace(SMALL_GLOSSY, pixel_aligned=None)))
+    monkeypatch.setattr(glossyrm, "GlossyRM", lambda config: GlossyRM(replace(TINY, decoder=DecoderConfig(1, 8))))
     words = ["fit", "glossyrm", "--shards", str(ball_shards), "--georm", str(georm)]
     assert command.main([*words, "--output", str(tmp_path / "x.safetensors"), "--preset", "paper"]) == 1
     assert "georm.safetensors: its sizes are not those of the GlossyRM of --preset paper" in capsys.readouterr().err

@@ -1,7 +1,6 @@
-"""Losses and the commands of GeoRM's and GlossyRM's stages, on a made-up sample."""
+"""Losses and the commands of the stages that learn at points, on a made-up sample."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,14 +8,10 @@ import torch
 import trimesh
 
 from arm_blender.graphics.cameras import orbit_camera
-from arm_blender.models.paper.georm import GeoRM
-from arm_blender.models.paper.glossyrm import GlossyRM
-from arm_blender.models.paper.reconstruction import SMALL, SMALL_TRIPLANE, EncodedViews, ReconstructionConfig
-from arm_blender.weight_files import checkpoints
+from arm_blender.networks import read
 from training import __main__ as command
 from training.datasets import outline_samples, point_samples
-from training.stages.georm_occupancy import TEMPERATURE, intersection_over_union, occupancy_loss
-from training.stages.view_side import VIEW_SIDE, EveryStep, Once
+from training.stages.occupancy_loss import TEMPERATURE, intersection_over_union, occupancy_loss
 
 
 def test_the_occupancy_loss_is_least_where_the_logit_is_the_distance():
@@ -63,43 +58,41 @@ def shards(tmp_path, monkeypatch):
         folder.mkdir(parents=True)
         np.savez(folder / "mesh.npz", vertices=radius * ball.vertices.astype(np.float32), faces=ball.faces)
         np.savez(folder / "occupancy.npz", points=points, distance=radius - np.linalg.norm(points, axis=1))
-        finish = np.broadcast_to((mask * 100).astype(np.uint8), (10, size, size))
         np.savez(
             folder / "rig_0.npz",
             rgba=rgba,
             depth=np.broadcast_to(depth, (10, size, size)),
-            roughness=finish,
-            metallic=finish,
             c2w=torch.stack([c.c2w for c in cameras]).numpy(),
             K=torch.stack([c.K for c in cameras]).numpy(),
         )
     return tmp_path / "shards"
 
 
-def test_a_fit_leaves_weights_that_the_next_stage_and_the_program_load(shards, tmp_path, capsys):
-    words = ["--shards", str(shards), "--minutes", "0.01", "--batch", "1", "--points", "64"]
-    georm, glossyrm = tmp_path / "georm.safetensors", tmp_path / "glossyrm.safetensors"
-    assert command.main(["fit", "georm", "--output", str(georm), *words]) == 0
-    assert command.main(["fit", "glossyrm-points", "--georm", str(georm), "--output", str(glossyrm), *words]) == 0
-    for path, network in ((georm, GeoRM), (glossyrm, GlossyRM)):
-        config, state = checkpoints.load(path, ReconstructionConfig)
-        checkpoints.restore(network(config), state, path)
+def test_a_fit_leaves_weights_that_the_next_and_the_program_load(shards, tmp_path, caplog):
+    words = ["--shards", str(shards), "--batch", "1", "--points", "64", "--steps", "1", "--log-every", "1", "--output"]
+    first, second = tmp_path / "first.safetensors", tmp_path / "second.safetensors"
+    with caplog.at_level("INFO"):
+        assert command.main(["fit", "georm-outlines", *words, str(first)]) == 0
+        assert command.main(["fit", "georm-outlines", *words, str(second), "--start", str(first)]) == 0
+    assert "1 solids" in caplog.text
+    networks = [read("georm", path) for path in (first, second)]
+    before, after = (network.state_dict() for network in networks)
+    changed = {key.split(".")[0] for key, value in before.items() if not torch.equal(value, after[key])}
+    assert changed == set(dict(networks[0].named_children()))
+    logged = (tmp_path / "runs" / "second" / "scalars.csv").read_text()
+    assert all(f",mean,{name}," in logged for name in ("occupancy", "coarse")) and ",validation,iou," in logged
 
 
-POINT_STAGES = ["georm-outlines", "georm", "glossyrm-points"]
-
-
-@pytest.mark.parametrize("stage", POINT_STAGES)
-def test_a_few_objects_none_of_them_held_out_are_enough(shards, tmp_path, monkeypatch, stage):
+def test_a_few_objects_none_of_them_held_out_are_enough(shards, tmp_path, monkeypatch):
     for module in (point_samples, outline_samples):
         monkeypatch.setattr(module, "is_held_out", lambda path: False)
     words = ["--shards", str(shards), "--steps", "1", "--batch", "1", "--points", "64", "--log-every", "1"]
-    assert command.main(["fit", stage, *words, "--output", str(tmp_path / "x.safetensors")]) == 0
+    assert command.main(["fit", "georm-outlines", *words, "--output", str(tmp_path / "x.safetensors")]) == 0
     logged = (tmp_path / "runs" / "x" / "scalars.csv").read_text()
     assert ",mean,loss," in logged and "validation" not in logged
 
 
-@pytest.mark.parametrize("stage", POINT_STAGES)
+@pytest.mark.parametrize("stage", ["georm-outlines", "ray-occupancy"])
 def test_objects_that_were_not_prepared_are_one_line_that_says_how(shards, tmp_path, capsys, stage):
     for path in shards.glob("*/occupancy.npz"):
         path.unlink()
@@ -108,112 +101,7 @@ def test_objects_that_were_not_prepared_are_one_line_that_says_how(shards, tmp_p
     assert f"python -m training prepare --shards {shards}" in capsys.readouterr().err and not output.exists()
 
 
-@pytest.mark.parametrize("stage", ["georm", "glossyrm-points"])
-def test_looking_once_leaves_the_side_of_the_views_as_it_is(shards, tmp_path, stage):
-    words = ["--shards", str(shards), "--batch", "2", "--points", "64", "--output"]
-    first, second = tmp_path / "first.safetensors", tmp_path / "second.safetensors"
-    assert command.main(["fit", stage, *words, str(first), "--minutes", "0.01"]) == 0
-    assert (
-        command.main(["fit", stage, *words, str(second), "--start", str(first), "--minutes", "0.02", "--look-once"])
-        == 0
-    )
-    before, after = (checkpoints.load(path, ReconstructionConfig)[1] for path in (first, second))
-    changed = {key.split(".")[1] for key, value in before.items() if not torch.equal(value, after[key])}
-    assert {"volume", "reader", "decoder"} <= changed and not changed & set(VIEW_SIDE)
-
-
-def test_features_found_once_are_those_found_at_every_step(shards):
-    torch.manual_seed(0)
-    network, path = GeoRM(SMALL).eval(), next(shards.glob("ball/rig_0.npz"))
-    once, always = Once(network, point_samples.load_occupancy), EveryStep(point_samples.load_occupancy)
-    points = torch.rand(1, 50, 3, generator=torch.Generator().manual_seed(0)) - 0.5
-    found = [network.occupancy_logit(side.encode(network, side.load(path).views), points) for side in (once, always)]
-    # Half precision in memory.
-    torch.testing.assert_close(found[0], found[1], atol=2e-2, rtol=1e-2)
-
-
-def test_what_is_frozen_stays_and_the_rest_learns(shards, tmp_path):
-    words = ["--shards", str(shards), "--batch", "1", "--points", "64", "--bfloat16", "--output"]
-    first, second = tmp_path / "first.safetensors", tmp_path / "second.safetensors"
-    assert command.main(["fit", "georm", *words, str(first), "--minutes", "0.01"]) == 0
-    more = ["--start", str(first), "--minutes", "0.02", "--freeze", "encoder", "transformer"]
-    assert command.main(["fit", "georm", *words, str(second), *more]) == 0
-    before, after = (checkpoints.load(path, ReconstructionConfig)[1] for path in (first, second))
-    changed = {key.split(".")[1] for key, value in before.items() if not torch.equal(value, after[key])}
-    assert {"volume", "coarse", "decoder", "reader"} <= changed and not changed & {"encoder", "transformer"}
-
-
-def test_outlines_teach_the_fields_side_and_leave_image_features_without_a_say(shards, tmp_path):
-    words = ["--shards", str(shards), "--batch", "2", "--points", "256", "--output"]
-    first, second = tmp_path / "first.safetensors", tmp_path / "second.safetensors"
-    assert command.main(["fit", "georm", *words, str(first), "--minutes", "0.01"]) == 0
-    assert command.main(["fit", "georm-outlines", *words, str(second), "--start", str(first), "--minutes", "0.03"]) == 0
-    before, (config, after) = (checkpoints.load(path, ReconstructionConfig) for path in (first, second))
-    changed = {key.split(".")[1] for key, value in before[1].items() if not torch.equal(value, after[key])}
-    assert changed == {"volume", "coarse", "detail", "detail_vote", "reader", "decoder", "pyramid"}
-    # Of the pyramid only the depth head, which is silenced.
-    pyramid = {key for key, value in before[1].items() if ".pyramid." in key and not torch.equal(value, after[key])}
-    assert all(".to_depth." in key for key in pyramid)
-    assert not has_a_say(shards, config, after)
-
-
-def test_fitting_without_features_leaves_them_without_a_say(shards, tmp_path):
-    words = ["--shards", str(shards), "--batch", "2", "--points", "256", "--minutes", "0.02", "--output"]
-    seeing, blind = tmp_path / "seeing.safetensors", tmp_path / "blind.safetensors"
-    assert command.main(["fit", "georm", *words, str(seeing), "--look-once"]) == 0
-    assert command.main(["fit", "georm", *words, str(blind), "--start", str(seeing), "--no-features"]) == 0
-    assert has_a_say(shards, *checkpoints.load(seeing, ReconstructionConfig))
-    assert not has_a_say(shards, *checkpoints.load(blind, ReconstructionConfig))
-
-
-@torch.no_grad()
-def has_a_say(shards, config: ReconstructionConfig, weights: dict) -> bool:
-    """Whether image features or planes change the density."""
-    network = GeoRM(config).eval()
-    checkpoints.restore(network, weights, shards)
-    views = point_samples.expanded(point_samples.load_occupancy(next(shards.glob("ball/rig_0.npz"))).views)
-    encoded = network.encode(views)
-    other = replace(encoded.views, maps=torch.randn_like(encoded.views.maps))
-    volume = network.model.volume(other)
-    changed = EncodedViews(torch.randn_like(encoded.planes), other, volume, network.model.refined(other, volume))
-    points = torch.rand(1, 50, 3) - 0.5
-    return not torch.equal(network.occupancy_logit(encoded, points), network.occupancy_logit(changed, points))
-
-
-def test_triplanes_alone_are_fitted_from_pictures_and_loaded_as_such(shards, tmp_path, capsys):
-    words = ["--shards", str(shards), "--batch", "1", "--points", "64", "--no-pixel-aligned"]
-    first = tmp_path / "first.safetensors"
-    assert command.main(["fit", "georm", *words, "--steps", "2", "--log-every", "1", "--output", str(first)]) == 0
-    config, state = checkpoints.load(first, ReconstructionConfig)
-    assert config == SMALL_TRIPLANE and not any("volume" in key or "pyramid" in key for key in state)
-    network = GeoRM(config)
-    checkpoints.restore(network, state, first)
-    views = point_samples.expanded(point_samples.load_occupancy(next(shards.glob("ball/rig_0.npz"))).views)
-    repainted = replace(views, images=1.0 - views.images)
-    points = torch.rand(1, 50, 3) - 0.5
-    with torch.no_grad():
-        found = [network.occupancy_logit(network.encode(each), points) for each in (views, repainted)]
-    assert not torch.equal(*found)
-    logged = (tmp_path / "runs" / "first" / "scalars.csv").read_text()
-    assert ",mean,occupancy," in logged and "depth" not in logged and ",validation,iou," in logged
-    assert command.main(["fit", "georm", *words, "--output", str(first), "--no-features"]) == 1
-    assert "need what it leaves out" in capsys.readouterr().err
-
-
-def test_outlines_keep_the_volume_learning_beside_the_pictures(shards, tmp_path, caplog):
-    words = ["--shards", str(shards), "--batch", "1", "--points", "64", "--minutes", "0.02", "--outlines", "1"]
-    with caplog.at_level("INFO"):
-        assert command.main(["fit", "georm", *words, "--output", str(tmp_path / "x.safetensors")]) == 0
-    assert "1 solids" in caplog.text
-
-
-def test_freezing_an_unknown_part_names_those_there_are(shards, tmp_path, capsys):
-    words = ["fit", "georm", "--shards", str(shards), "--output", str(tmp_path / "x.safetensors")]
-    assert command.main([*words, "--freeze", "hull"]) == 1
-    assert "--freeze hull: unknown; choose among encoder" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("words", [["prepare"], ["fit", "georm", "--output", "x.safetensors"]], ids=" ".join)
+@pytest.mark.parametrize("words", [["prepare"], ["fit", "georm-outlines", "--output", "x.safetensors"]], ids=" ".join)
 def test_no_samples_is_one_line_with_the_remedy(tmp_path, capsys, words):
     assert command.main([*words, "--shards", str(tmp_path)]) == 1
     line = capsys.readouterr().err.strip().splitlines()[-1]

@@ -9,7 +9,7 @@ from arm_blender.config import PRESETS, Settings
 from arm_blender.graphics.cameras import orbit_camera, project
 from arm_blender.graphics.raster.rasterize import rasterize
 from arm_blender.graphics.surface.isosurface import IsosurfaceConfig, extract
-from arm_blender.models.paper.reconstruction import ReconstructionConfig
+from arm_blender.models.small.volume_georm import VolumeGeoRMConfig
 from arm_blender.structures import TriangleMesh
 from arm_blender.weight_files import checkpoints
 from training.studies.ball import RADIUS, VOLUME, ball, open_edges, volume
@@ -63,7 +63,7 @@ def test_pixels_that_are_missed_or_drawn_beside_a_triangle_are_found():
 
 
 def test_a_network_is_that_which_ships_or_one_that_is_drawn_alike_every_time():
-    shipped = checkpoints.load(Settings().weights("georm"), ReconstructionConfig)[1]
+    shipped = checkpoints.load(Settings().weights("georm"), VolumeGeoRMConfig)[1]
     georm = built("georm", PRESETS["small"].georm, shipped=True)
     assert all(torch.equal(value, shipped[name]) for name, value in georm.state_dict().items())
     one, other = (built("instant_albedo", NARROW.instant_albedo, shipped=False).state_dict() for _ in range(2))
