@@ -80,8 +80,9 @@ def draw_views(request: GenerationRequest, model: Path, folder: Path, steps: int
     from ...views.zero123plus.provider import Zero123Plus
     from ...views.zero123plus.sampling import Zero123PlusConfig
 
-    machine = {"device": _device(request), "threads": request.threads}
-    drawing = Zero123PlusConfig(model, folder, steps=steps, seed=request.seed, **machine)
+    drawing = Zero123PlusConfig(
+        model, folder, steps=steps, seed=request.seed, device=_device(request), threads=request.threads
+    )
     Zero123Plus(drawing, request.rig_distance, request.fovy_deg).views(request.views, progress)
     return folder
 

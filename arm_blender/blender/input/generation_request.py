@@ -84,11 +84,10 @@ class GenerationRequest(ViewKnobs, Knobs):
         Args:
             frame: of the object that was made.
         """
-        files = isinstance(self.views, Path)
         return AssetRecord(
             chosen_values(self, self),
-            views=self.views if files else None,
-            cameras=None if files else tuple(picture.name for picture in self.views),
+            views=self.views if isinstance(self.views, Path) else None,
+            cameras=None if isinstance(self.views, Path) else tuple(picture.name for picture in self.views),
             mesh=None if self.mesh is None else self.mesh.name,
             frame=None if frame is None else tuple(frame),
         )

@@ -7,14 +7,14 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ...knobs import DrawingKnobs, Knobs, ViewKnobs, knobs_of
-from ...knobs.declaring import Knob
+from ...knobs.declaring import Knob, Shown
 from ..compat import BLEND_RELATIVE
 
 
 def properties() -> dict[str, Any]:
     """The annotations that make Blender's properties, by their names."""
-    shown = (one for kind in (ViewKnobs, DrawingKnobs, Knobs) for one in knobs_of(kind) if one.shown is not None)
-    return {one.shown.name or one.name: _property(one) for one in shown}
+    declared = (one for kind in (ViewKnobs, DrawingKnobs, Knobs) for one in knobs_of(kind))
+    return {one.shown.name or one.name: _property(one, one.shown) for one in declared if one.shown is not None}
 
 
 def panel_values(settings: bpy.types.PropertyGroup, declared: type) -> dict[str, Any]:
@@ -40,9 +40,8 @@ def set_panel(settings: bpy.types.PropertyGroup, declared: type, values: dict[st
                 setattr(settings, one.shown.name or one.name, str(value) if one.kind is Path else value)
 
 
-def _property(one: Knob) -> Any:
+def _property(one: Knob, shown: Shown) -> Any:
     """The property of a knob, which Blender makes of the annotation."""
-    shown = one.shown
     default = one.default if shown.default is None else shown.default
     words = {"name": shown.title, "description": shown.tip, "default": shown.none if default is None else default}
     if one.kind is bool:

@@ -1,5 +1,6 @@
 """From the panel's settings, or from those that a result was made with, to a request."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -88,8 +89,8 @@ def from_result(context: bpy.types.Context) -> GenerationRequest:
     from .own_mesh import mesh_of_result
 
     shown = context.object
-    kept = stored_record(shown) if shown is not None and "arm_settings" in shown else None
-    mesh = mesh_of_result(context, None if kept is None else kept.frame)
+    kept = stored_record(shown) if shown is not None and "arm_settings" in shown else AssetRecord({})
+    mesh = mesh_of_result(context, kept.frame)  # Which refuses what is no result.
     views: Path | tuple[CameraPicture, ...] = kept.views or _cameras(context, kept.cameras)
     wanted = GenerationRequest(views, name=mesh.name, mesh=mesh, mesh_in_place=True, **kept.chosen, **_machine())
     return replace(wanted, weights=panel_weights(context, wanted) or wanted.weights)
@@ -110,7 +111,7 @@ def blend_folder(library: bpy.types.Library | None = None) -> Path | None:
     return Path(saved).parent if saved else None
 
 
-def _cameras(context: bpy.types.Context, names: list[str] | None) -> tuple[CameraPicture, ...]:
+def _cameras(context: bpy.types.Context, names: Iterable[str] | None) -> tuple[CameraPicture, ...]:
     from .scene_cameras import camera_pictures
 
     return camera_pictures(context.scene, context.evaluated_depsgraph_get(), names)
