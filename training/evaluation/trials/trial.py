@@ -77,10 +77,8 @@ def trial_settings(args: argparse.Namespace, weights: Path | None = None) -> Set
     Raises:
         ArmError: a value does not do, or as `networks.check_folder`.
     """
-    folder = weights or args.weights
-    settings = Settings(
-        args.preset, args.quality, grid=args.grid, faces=args.faces, device=args.device, weights_folder=folder
-    )
+    words = {name: getattr(args, name) for name in ("preset", "quality", "grid", "faces", "device")}
+    settings = Settings(**words, weights_folder=weights or args.weights)
     check_folder(settings)
     return settings
 
