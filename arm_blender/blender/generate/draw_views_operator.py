@@ -1,7 +1,6 @@
 """Six views from one picture, at the press of a button."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -28,11 +27,15 @@ class ARM_OT_draw_views(Run, bpy.types.Operator):
         if not context.scene.arm.multiview_model:
             raise ArmError("Choose the folder of Zero123++'s weights first; README.md says where to get them")
         self._drawing = (
+            wanted.views,
             Path(bpy.path.abspath(context.scene.arm.multiview_model)),
             wanted.views.with_name(f"{wanted.views.stem}-views"),
             context.scene.arm.multiview_steps,
         )
-        return replace(wanted, preset="zero123plus", weights=None)
+        return wanted
+
+    def _networks(self, wanted: GenerationRequest) -> str:
+        return "zero123plus"
 
     def _work(self, wanted: GenerationRequest) -> Callable[[Progress], Path]:
         return partial(draw_views, wanted, *self._drawing)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ... import run
 from ...knobs import Knobs, values_of
-from ..input.generation_request import GenerationRequest, read_views
+from ..input.generation_request import GenerationRequest, OwnMesh, read_views
 
 if TYPE_CHECKING:
     from ...progress import Progress
@@ -51,23 +51,26 @@ def generate(request: GenerationRequest, progress: Progress) -> Generated:
     settings = Settings(**values_of(Knobs, request) | {"device": device, "normal_map": normal_map})
     frames = [IDENTITY]
 
-    def own_mesh(views: ViewSet) -> TriangleMesh | UvMesh:
-        mesh, frame = _own_mesh(request, views)
+    def own_mesh(own: OwnMesh, views: ViewSet) -> TriangleMesh | UvMesh:
+        mesh, frame = _own_mesh(own, request, views)
         frames.append(frame)
         return mesh.moved(frame.restore)
 
-    read_mesh = None if request.mesh is None else own_mesh
+    read_mesh = None if request.mesh is None else partial(own_mesh, request.mesh)
     asset = run.make(settings, partial(read_views, request), read_mesh, progress, report)
     frame = frames[-1]
     name = request.name or asset.name
     return Generated(replace(asset, name=name, mesh=asset.mesh.moved(frame.boxed)), report, frame)
 
 
-def draw_views(request: GenerationRequest, model: Path, folder: Path, steps: int, progress: Progress) -> Path:
-    """Have Zero123++ draw six views of the request's one picture.
+def draw_views(
+    request: GenerationRequest, picture: Path, model: Path, folder: Path, steps: int, progress: Progress
+) -> Path:
+    """Have Zero123++ draw six views of a picture.
 
     Args:
-        request: its views are a picture; seed, device and threads are those of the drawing.
+        request: seed, device, threads and rig are those of the drawing.
+        picture: of the object.
         model: folder of the weights, as diffusers saves a pipeline.
         folder: where the views go; what it already holds of them is replaced.
         steps: of the sampler.
@@ -83,7 +86,7 @@ def draw_views(request: GenerationRequest, model: Path, folder: Path, steps: int
     drawing = Zero123PlusConfig(
         model, folder, steps=steps, seed=request.seed, device=_device(request), threads=request.threads
     )
-    Zero123Plus(drawing, request.rig_distance, request.fovy_deg).views(request.views, progress)
+    Zero123Plus(drawing, request.rig_distance, request.fovy_deg).views(picture, progress)
     return folder
 
 
@@ -96,14 +99,13 @@ def _device(request: GenerationRequest) -> str:
     return "cuda" if torch.cuda.is_available() else "cpu"
 
 
-def _own_mesh(request: GenerationRequest, views: ViewSet) -> tuple[TriangleMesh | UvMesh, SceneFrame]:
+def _own_mesh(own: OwnMesh, request: GenerationRequest, views: ViewSet) -> tuple[TriangleMesh | UvMesh, SceneFrame]:
     """The user's mesh, and the frame that restores it to where the views show it."""
     from ...uv.given_mesh import mesh_from_arrays
     from ...views import has_cameras
     from ...views.mesh_fit import fit_to_views
     from ...views.scene_frame import IDENTITY
 
-    own = request.mesh
     uvs = None
     if own.corner_uvs is not None:
         import numpy as np

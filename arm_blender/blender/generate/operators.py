@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import bpy
 from bpy.props import StringProperty
@@ -25,8 +25,8 @@ _TICK = 0.1
 _QUIT_PATIENCE = 10.0
 """Seconds that closing a file or quitting waits for the thread; quitting under a running thread aborts Blender."""
 
-_running: Job | None = None
-_unfinished: list[Job] = []
+_running: Job[Any] | None = None
+_unfinished: list[Job[Any]] = []
 """Cancelled jobs whose threads were still in one long step when Blender went on without them."""
 
 
@@ -36,9 +36,13 @@ class Run:
     bl_options = {"REGISTER", "UNDO"}
 
     _request: GenerationRequest
-    _job: Job
+    _job: Job[Any]
     _remaining: Remaining
     _timer: bpy.types.Timer | None = None
+
+    # Of `bpy.types.Operator`, which every operator that takes this in is besides.
+    poll_message_set: ClassVar[Callable[[str], None]]
+    report: Callable[[set[str], str], None]
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -98,13 +102,35 @@ class Run:
             self._fail(context, str(error))
             return False
         self._request = wanted
-        self._remaining = Remaining(wanted.preset, wanted.quality, wanted.mesh is not None)
+        self._remaining = Remaining(self._networks(wanted), wanted.quality, wanted.mesh is not None)
         self._job = Job(self._work(wanted))
         return True
+
+    def _wanted(self, context: bpy.types.Context) -> GenerationRequest:
+        """What is asked for.
+
+        Raises:
+            ArmError: it cannot be done; nothing runs.
+        """
+        raise NotImplementedError
+
+    def _networks(self, wanted: GenerationRequest) -> str:
+        """What the seconds that are left are guessed by."""
+        return wanted.preset
 
     def _work(self, wanted: GenerationRequest) -> Callable[[Progress], Any]:
         """What runs on the thread."""
         return partial(generate, wanted)
+
+    def _deliver(self, context: bpy.types.Context, made: Any) -> str:
+        """Bring what the work returned into the file, on the main thread.
+
+        Returns:
+            What the user is told.
+        Raises:
+            ArmError: the file has changed meanwhile.
+        """
+        raise NotImplementedError
 
     def _show(self, context: bpy.types.Context) -> None:
         manager, job = context.window_manager, self._job
@@ -189,18 +215,13 @@ class ARM_OT_regenerate(Run, bpy.types.Operator):
     bl_idname = "arm.regenerate"
     bl_label = "Regenerate Appearance"
 
-    _name: str
-
     def _wanted(self, context: bpy.types.Context) -> GenerationRequest:
-        wanted = request.from_result(context)
-        self._name = wanted.mesh.name
-        return wanted
+        return request.from_result(context)
 
     def _deliver(self, context: bpy.types.Context, made: Generated) -> str:
         from .results import renew_appearance
 
-        renew_appearance(self._name, made, self._request)
-        return f"{self._name}: new appearance"
+        return f"{renew_appearance(made, self._request).name}: new appearance"
 
 
 class ARM_OT_cancel(bpy.types.Operator):
@@ -214,11 +235,12 @@ class ARM_OT_cancel(bpy.types.Operator):
         return _running is not None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
+        assert _running is not None  # As `poll` says.
         _cancel(context, _running)
         return {"FINISHED"}
 
 
-def _cancel(context: bpy.types.Context, job: Job) -> None:
+def _cancel(context: bpy.types.Context, job: Job[Any]) -> None:
     """Ask the job to stop, and show at once that this was heard."""
     job.cancel()
     state = context.window_manager.arm

@@ -38,14 +38,18 @@ def add_result(context: bpy.types.Context, made: Generated, wanted: GenerationRe
     return created
 
 
-def renew_appearance(name: str, made: Generated, wanted: GenerationRequest) -> None:
-    """Give the object `name` the maps of a run that its own mesh went into.
+def renew_appearance(made: Generated, wanted: GenerationRequest) -> bpy.types.Object:
+    """Give the object whose own mesh went into a run the maps of that run.
 
     The report of the run that made its shape is kept as `shape_report`.
 
     Raises:
         ArmError: the object is gone, or its mesh is another one by now.
+        ValueError: no mesh went into the run.
     """
+    if wanted.mesh is None:
+        raise ValueError("a new appearance needs the mesh that it is for")
+    name = wanted.mesh.name
     shown = bpy.data.objects.get(name)
     if shown is None or shown.type != "MESH":
         raise ArmError(f"{name}: was removed or renamed while its appearance was made; generate it anew")
@@ -56,6 +60,7 @@ def renew_appearance(name: str, made: Generated, wanted: GenerationRequest) -> N
     replace_maps(shown, made.asset.maps, _kept(made, kept))
     if shown.asset_data is not None:
         mark_as_asset(shown, made.asset)
+    return shown
 
 
 def _kept(made: Generated, record: AssetRecord) -> dict[str, Any]:
