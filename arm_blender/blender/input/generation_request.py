@@ -8,13 +8,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ...asset_record import AssetRecord, chosen_values
 from ...knobs import Knobs, ViewKnobs, values_of
 
 if TYPE_CHECKING:
     import numpy as np
+    from numpy.typing import NDArray
 
     from ...progress import Progress
     from ...report import Report
@@ -37,11 +38,11 @@ class CameraPicture:
     """
 
     name: str
-    pixels: np.ndarray
+    pixels: NDArray[np.float32]
     encoded: bool
     premultiplied: bool
-    c2w: np.ndarray
-    K: np.ndarray
+    c2w: NDArray[np.float64]
+    K: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -57,9 +58,9 @@ class OwnMesh:
     """
 
     name: str
-    vertices: np.ndarray
-    faces: np.ndarray
-    corner_uvs: np.ndarray | None
+    vertices: NDArray[np.floating[Any]]
+    faces: NDArray[np.int32]
+    corner_uvs: NDArray[np.float32] | None
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     import numpy as np
+    from numpy.typing import NDArray
 
     from ...progress import Progress
     from ...views.multiview import View
@@ -36,11 +37,11 @@ class SeenView:
     """
 
     name: str
-    picture: np.ndarray
-    mask: np.ndarray
+    picture: NDArray[np.float32]
+    mask: NDArray[np.float32]
     weight: float
     sees: bool
-    camera: tuple[np.ndarray, np.ndarray]
+    camera: tuple[NDArray[np.float32], NDArray[np.float32]]
     size: tuple[int, int]
     path: Path
 

@@ -1,9 +1,14 @@
 """What the user does before a run: look at the views, put their cameras into the scene."""
 
+from typing import TYPE_CHECKING
+
 import bpy
 
 from ...errors import ArmError
 from . import view_list
+
+if TYPE_CHECKING:  # It brings numpy.
+    from .scene_cameras import PlacedPicture
 
 RIG_SIDE = 320
 """Pixels a side of the rig's pictures, as Zero123++ draws them; without pictures nothing depends on it."""
@@ -47,7 +52,7 @@ class ARM_OT_add_cameras(bpy.types.Operator):
         seen = view_list.found(context)
         if seen is not None and settings.source == "FILES" and seen.kind != "picture":
             # A picture that was averaged down for the run still has the same view: K fits its shown size.
-            views = [(view.name, *view.camera, *view.size, view.path) for view in seen.views]
+            views: list[PlacedPicture] = [(view.name, *view.camera, *view.size, view.path) for view in seen.views]
         else:
             views = _rig(settings.rig_distance, settings.fovy)
         made = add_cameras(context.scene, "ARM cameras", views)
@@ -55,7 +60,7 @@ class ARM_OT_add_cameras(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def _rig(distance: float, fovy_deg: float) -> list[tuple]:
+def _rig(distance: float, fovy_deg: float) -> "list[PlacedPicture]":
     """The rig of Zero123++ v1.2 without pictures, as `add_cameras` takes it."""
     from ...views.rigs import zero123plus_rig
 

@@ -1,15 +1,19 @@
 """The mesh of an object, copied out of Blender for a run that makes its appearance only."""
 
 from collections.abc import Sequence
+from typing import TypeVar
 
 import bpy
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import ArmError, EmptyMeshError
 from .generation_request import OwnMesh
 
 MAXIMUM_TRIANGLES = 1_000_000
 """More is refused: what is asked for is a texture, and no view of ours shows a million triangles."""
+
+Number = TypeVar("Number", bound=np.generic)
 
 _FLAT = 1e-12
 """Determinant of an object's matrix, against the cube of its longest axis, below which it has no volume."""
@@ -88,7 +92,9 @@ def _arrays(name: str, mesh: bpy.types.Mesh) -> OwnMesh:
     return OwnMesh(name, vertices, faces, _read(layer.uv, "vector", 2, np.float32)[corners])
 
 
-def _read(items: bpy.types.bpy_prop_collection, attribute: str, width: int, dtype: type) -> np.ndarray:
+def _read(
+    items: bpy.types.bpy_prop_collection, attribute: str, width: int, dtype: type[Number]
+) -> NDArray[Number]:
     """(N, width) of an attribute."""
     flat = np.empty(len(items) * width, dtype=dtype)
     items.foreach_get(attribute, flat)

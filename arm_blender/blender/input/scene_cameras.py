@@ -6,9 +6,14 @@ from pathlib import Path
 import bpy
 import numpy as np
 from mathutils import Matrix
+from numpy.typing import NDArray
 
 from ...errors import CameraError, InputImageError
 from .generation_request import CameraPicture
+
+PlacedPicture = tuple[str, NDArray[np.float32], NDArray[np.float32], int, int, Path | None]
+"""Of a camera that is to be made its name, c2w (4, 4), K (3, 3) in pixels with square pixels, width and height of its
+picture in pixels, and the picture's file, or None."""
 
 _SENSOR = 24.0
 """Millimetres of the height of the cameras that are made; nothing depends on it."""
@@ -19,7 +24,7 @@ _SHEAR = 1e-4
 def cameras_with_pictures(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """The cameras of a scene that have a background image, by name."""
     cameras = (item for item in scene.objects if item.type == "CAMERA")
-    return sorted((item for item in cameras if _background(item.data) is not None), key=lambda item: item.name)
+    return sorted((item for item in cameras if _backgrounds(item.data)), key=lambda item: item.name)
 
 
 def camera_pictures(
@@ -48,16 +53,13 @@ def camera_pictures(
     return tuple(_picture(scene, camera, camera.evaluated_get(depsgraph).matrix_world) for camera in cameras)
 
 
-def add_cameras(
-    scene: bpy.types.Scene, name: str, views: Sequence[tuple[str, np.ndarray, np.ndarray, int, int, Path | None]]
-) -> list[bpy.types.Object]:
+def add_cameras(scene: bpy.types.Scene, name: str, views: Sequence[PlacedPicture]) -> list[bpy.types.Object]:
     """Put cameras into a scene, in a collection of their own; nothing else changes, the scene's camera included.
 
     Args:
         scene: where they go.
         name: of the collection.
-        views: for each camera its name, c2w (4, 4), K (3, 3) in pixels with square pixels, width and height of its
-            picture in pixels, and the picture's file, or None.
+        views: one for each camera.
     """
     collection = bpy.data.collections.new(name)
     scene.collection.children.link(collection)
@@ -83,13 +85,13 @@ def add_cameras(
     return made
 
 
-def _background(lens: bpy.types.Camera) -> bpy.types.CameraBackgroundImage | None:
-    """The first image behind a camera; its own switch in the viewport does not matter."""
-    return next((one for one in lens.background_images if one.source == "IMAGE" and one.image is not None), None)
+def _backgrounds(lens: bpy.types.Camera) -> list[bpy.types.CameraBackgroundImage]:
+    """The images behind a camera, of which the first counts; their own switch in the viewport does not matter."""
+    return [one for one in lens.background_images if one.source == "IMAGE" and one.image is not None]
 
 
 def _picture(scene: bpy.types.Scene, camera: bpy.types.Object, matrix: Matrix) -> CameraPicture:
-    name, background = camera.name, _background(camera.data)
+    name, background = camera.name, _backgrounds(camera.data)[0]
     if camera.data.type != "PERSP":
         raise CameraError(f"{name}: is no perspective camera; change its lens type, or remove its background image")
     moved = any(background.offset) or background.scale != 1.0 or background.rotation
@@ -111,7 +113,7 @@ def _picture(scene: bpy.types.Scene, camera: bpy.types.Object, matrix: Matrix) -
     )
 
 
-def _rigid(matrix: Matrix, name: str) -> np.ndarray:
+def _rigid(matrix: Matrix, name: str) -> NDArray[np.float64]:
     """(4, 4) of a camera's matrix without its scale, which does not change what it sees."""
     c2w = np.array(matrix)
     lengths = np.linalg.norm(c2w[:3, :3], axis=0)
@@ -128,7 +130,7 @@ def _intrinsics(
     background: bpy.types.CameraBackgroundImage,
     width: int,
     height: int,
-) -> np.ndarray:
+) -> NDArray[np.float64]:
     """(3, 3) K in pixels of a background image, from where it lies in the camera's frame."""
     corners = np.array(lens.view_frame(scene=scene))  # Lens shift, sensor fit and pixel aspect are in it.
     low, high, depth = corners.min(axis=0)[:2], corners.max(axis=0)[:2], -corners[0, 2]

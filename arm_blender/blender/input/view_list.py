@@ -49,8 +49,9 @@ def look_now(context: bpy.types.Context) -> None:
         ArmError: they do not do.
     """
     stop()
-    _begin(context).join()
-    _conclude(context)
+    job = _begin(context)
+    job.join()
+    _conclude(context, job)
 
 
 def is_looking() -> bool:
@@ -65,9 +66,9 @@ def found(context: bpy.types.Context) -> Look | None:
 
 def icons(index: int) -> tuple[int, int]:
     """The icons of a view's picture and of its mask; 0 is none."""
-    names = (f"{index} picture", f"{index} mask")
     known = {} if _previews is None else _previews
-    return tuple(known[name].icon_id if name in known else 0 for name in names)
+    picture, mask = (known[name].icon_id if name in known else 0 for name in (f"{index} picture", f"{index} mask"))
+    return picture, mask
 
 
 def stop() -> None:
@@ -98,21 +99,21 @@ def _poll() -> float | None:
         return _TICK
     context = bpy.context
     try:
-        _conclude(context)
+        _conclude(context, _job)
     except ArmError as error:
         context.window_manager.arm.views_error = str(error)
     redraw_sidebars(context)
     return None
 
 
-def _conclude(context: bpy.types.Context) -> None:
-    """Take over what the job has found.
+def _conclude(context: bpy.types.Context, job: Job[Look]) -> None:
+    """Take over what the job, which has ended, has found.
 
     Raises:
         ArmError: the views do not do.
     """
     global _job, _found
-    job, _job = _job, None
+    _job = None
     if isinstance(job.error, Cancelled):
         return
     if job.error is not None:
@@ -120,6 +121,7 @@ def _conclude(context: bpy.types.Context) -> None:
     if job.failure is not None:
         logger.error("%s", job.failure)
         raise ArmError(f"{_key}: cannot be read ({job.failure.strip().splitlines()[-1]}); see the console")
+    assert job.result is not None  # As it neither was stopped nor failed.
     _found = (_key, job.result)
     _fill(context.scene.arm, job.result)
     _draw_thumbnails(job.result)
