@@ -9,7 +9,7 @@ import logging
 import platform
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -179,7 +179,7 @@ def _item(row: Any, folder: Path, where: str) -> Item:
     return Item(views, name, options)
 
 
-def _lines(items: list[Item], args: argparse.Namespace) -> Iterator[dict[str, Any]]:
+def _lines(items: list[Item], args: argparse.Namespace) -> Generator[dict[str, Any], None, None]:
     """One line per item, in the order in which they end."""
     if args.jobs == 1:
         yield from (_made(item, args) for item in items)

@@ -13,7 +13,7 @@ import pickle
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -40,10 +40,12 @@ Ended = tuple[Any, Answer] | BaseException
 """An item with the answer to it, or what ended a foreman."""
 
 
-def side_by_side(items: Sequence[Any], jobs: int, module: str, words: dict[str, Any]) -> Iterator[tuple[Any, Answer]]:
+def side_by_side(
+    items: Sequence[Any], jobs: int, module: str, words: dict[str, Any]
+) -> Generator[tuple[Any, Answer], None, None]:
     """Each item with the answer to it, in the order in which they end.
 
-    A worker that dies takes only its own item with it; another takes its place. Closing the iterator stops all of them.
+    A worker that dies takes only its own item with it; another takes its place. Closing the generator stops all of them.
 
     Args:
         items: to be pickled; of classes that are not ours.

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import torch
 import trimesh
+from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
@@ -26,10 +27,10 @@ class GltfVertices:
         faces: (F, 3) int64.
     """
 
-    position: np.ndarray
-    normal: np.ndarray
-    uv: np.ndarray
-    faces: np.ndarray
+    position: NDArray[np.float32]
+    normal: NDArray[np.float32]
+    uv: NDArray[np.float32]
+    faces: NDArray[np.int64]
 
 
 def write_glb(asset: RelightableAsset, path: Path) -> None:

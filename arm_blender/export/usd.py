@@ -5,10 +5,10 @@ One mesh, one `UsdPreviewSurface` (https://openusd.org/release/spec_usdpreviewsu
 
 import re
 import zipfile
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..graphics.meshes import angle_weighted_normals
 from ..structures import MaterialMaps, RelightableAsset, UvMesh
@@ -159,7 +159,7 @@ def _textures(maps: MaterialMaps) -> list[str]:
     return ["albedo", *read, *([] if maps.normal is None else ["normal"])]
 
 
-def _tuples(rows: Iterable[np.ndarray]) -> str:
+def _tuples(rows: ArrayLike) -> str:
     """Rows of numbers as USD writes them; nine digits bring each float32 back as it was."""
     return ", ".join(f"({', '.join(f'{value:.9g}' for value in row)})" for row in np.asarray(rows).tolist())
 
@@ -172,6 +172,7 @@ def _identifier(name: str) -> str:
 
 def _store(archive: zipfile.ZipFile, name: str, data: bytes) -> None:
     entry = zipfile.ZipInfo(name)
+    assert archive.fp is not None  # None once it is closed.
     begins = archive.fp.tell() + 30 + len(name.encode())  # A local header of 30 bytes, the name, and what we add.
     gap = -begins % ALIGNMENT
     if 0 < gap < 4:
