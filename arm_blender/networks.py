@@ -95,6 +95,7 @@ def read(name: str, path: Path) -> nn.Module:
     Raises:
         CheckpointError: as `checkpoints.load`.
     """
+    config: Any
     config, state = checkpoints.load(path, *NETWORKS[name])
     with unallocated():
         module = build(name, config)
@@ -112,7 +113,7 @@ def load(name: str, settings: Settings) -> nn.Module:
         CheckpointError: the weights are missing, damaged, or made for another model.
     """
     if settings.random_weights is not None:
-        return _ready(_with_random_weights(name, settings), settings.device)
+        return _ready(_with_random_weights(name, settings, settings.random_weights), settings.device)
     path = settings.weights(name)
     # Weights that are trained anew under the same name are read anew.
     key = (name, path, path.stat().st_mtime_ns if path.is_file() else 0, settings.device)
@@ -146,12 +147,12 @@ def is_large(module: nn.Module) -> bool:
     return sum(parameter.numel() for parameter in module.parameters()) >= LARGE
 
 
-def _with_random_weights(name: str, settings: Settings) -> nn.Module:
+def _with_random_weights(name: str, settings: Settings, seed: int) -> nn.Module:
     preset = PRESETS[settings.preset]
     with unallocated():
         module = build(name, getattr(preset, name))
     # One seed for all: GlossyRM begins with GeoRM's weights, as its training does.
-    module.load_state_dict(random_state(module, settings.random_weights), assign=True)
+    module.load_state_dict(random_state(module, seed), assign=True)
     return module
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 
@@ -77,13 +77,14 @@ def generate(
                 report.leave_out(f"{len(views.cameras) - len(chosen.cameras)} views", "their weight is 0")
             views, frame = normalise(chosen.to(settings.device))
         with report.stage("shape"), lower_if_short("the shape", "lower --grid or --quality"):
-            if given:
+            dense: TriangleMesh | None = None
+            if mesh is not None:
                 report.leave_out("reconstruction of the shape", "the shape is given")
-                mesh = dense = mesh.to(settings.device).moved(frame.boxed)
+                mesh = mesh.to(settings.device).moved(frame.boxed)
             else:
                 dense = shape(views, settings, part(progress, *SHARES["shape"]), report)
                 mesh = decimate(dense, settings.resolved.faces)
-            dense = dense if settings.normal_map and mesh is not dense else None  # Else its memory is free.
+                dense = dense if settings.normal_map and mesh is not dense else None  # Else its memory is free.
         with report.stage("unwrap"), lower_if_short("unwrapping", "lower --faces"):
             mesh = atlas(mesh, settings, report, part(progress, *SHARES["unwrap"]))
         with report.stage("appearance"), lower_if_short("the material", "lower --texture-size"):
@@ -143,12 +144,12 @@ def _encoded(
     settings: Settings,
     report: Report,
     progress: Progress,
-) -> tuple[torch.nn.Module, Encoded]:
+) -> tuple[Any, Encoded]:
     """A reconstruction model, and what it decodes points from; float32 from here on."""
     title = {"georm": "GeoRM", "glossyrm": "GlossyRM", "ray_occupancy": "Ray occupancy"}[name]
     with lower_if_short(title, "give fewer views, or choose --preset small"):
         progress(0.0, f"{title}: loading")
-        network = networks.load(name, settings)
+        network: Any = networks.load(name, settings)  # Of several classes, by the preset.
         reading = partial(progress, 0.2, f"{title}: reading the views")
         reading()
         with networks.running(network, settings, report, reading):

@@ -45,7 +45,7 @@ def side_by_side(
 ) -> Generator[tuple[Any, Answer], None, None]:
     """Each item with the answer to it, in the order in which they end.
 
-    A worker that dies takes only its own item with it; another takes its place. Closing the generator stops all of them.
+    A worker that dies takes only its own item with it; another takes its place. Closing the generator stops them all.
 
     Args:
         items: to be pickled; of classes that are not ours.

@@ -87,7 +87,8 @@ class AtlasNetwork(nn.Module):
     def _fuse_views(self, images: Tensor, texels: TexelMap, seen: TexelViews, surface: Tensor) -> tuple[Tensor, Tensor]:
         """(C, n, n) features, the maximum over the views that see a texel, 0 where none does; (1, n, n) any-seen."""
         resolution = surface.shape[-1]
-        fused, known = None, surface.new_zeros(1, resolution, resolution)
+        known = surface.new_zeros(1, resolution, resolution)
+        fused: Tensor | None = None
         # One view after the other: all of them at once would multiply the memory by V.
         for view, image in enumerate(images):
             visible = cells(seen.visibility[view][None].float(), resolution)
@@ -96,6 +97,8 @@ class AtlasNetwork(nn.Module):
             features = resized(features, resolution).masked_fill(visible == 0, torch.finfo(features.dtype).min)
             fused = features if fused is None else torch.maximum(fused, features)
             known = torch.maximum(known, visible)
+        if fused is None:
+            raise ValueError("no views")
         return fused.masked_fill(known == 0, 0.0), known
 
     def _view_inputs(

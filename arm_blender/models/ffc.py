@@ -64,21 +64,19 @@ class SpectralTransform(nn.Module):
 
 
 class FastFourierConv(nn.Module):
-    """A convolution between a local and a global branch; a branch of width 0 is `None`."""
+    """A convolution between a local and a global branch; a global branch of width 0 is `None`."""
 
     def __init__(self, into: tuple[int, int], out: tuple[int, int], kernel: int, stride: int, norm: Norm) -> None:
         super().__init__()
 
-        def conv(channels_in: int, channels_out: int) -> nn.Conv2d | None:
-            if not (channels_in and channels_out):
-                return None
+        def conv(channels_in: int, channels_out: int) -> nn.Conv2d:
             # The stem pads its own input, the rest pad here.
             padding = 1 if kernel == 3 else 0
             return nn.Conv2d(channels_in, channels_out, kernel, stride, padding, padding_mode="reflect", bias=False)
 
         self.convl2l = conv(into[0], out[0])
-        self.convl2g = conv(into[0], out[1])
-        self.convg2l = conv(into[1], out[0])
+        self.convl2g = conv(into[0], out[1]) if out[1] else None
+        self.convg2l = conv(into[1], out[0]) if into[1] else None
         self.convg2g = SpectralTransform(out[1], norm) if into[1] and out[1] else None
 
     def forward(self, local: Tensor, spread: Tensor | None) -> tuple[Tensor, Tensor | None]:
@@ -166,7 +164,9 @@ class FfcGenerator(nn.Module):
     @property
     def last(self) -> nn.Conv2d:
         """The output convolution; zero weights make the generator start at zero."""
-        return self.model[-1]
+        last = self.model[-1]
+        assert isinstance(last, nn.Conv2d)
+        return last
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, in, H, W) -> (B, out, H, W), without an output activation; H and W multiples of 2**downs."""

@@ -76,8 +76,8 @@ class ModulatedBlock(nn.Module):
         self.mlp = nn.Sequential(nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width))
         self.modulation = nn.Sequential(nn.SiLU(), nn.Linear(width, 4 * width))
         # Zero: an encoder that has never seen a camera starts as the plain ViT.
-        nn.init.zeros_(self.modulation[1].weight)
-        nn.init.zeros_(self.modulation[1].bias)
+        for parameter in self.modulation.parameters():
+            nn.init.zeros_(parameter)
 
     def forward(self, x: Tensor, camera: Tensor) -> Tensor:
         """(B, L, D) tokens under a camera embedded to (B, D)."""
@@ -88,6 +88,9 @@ class ModulatedBlock(nn.Module):
 
 class ImageEncoder(nn.Module):
     """Pose-aware tokens of each view."""
+
+    mean: Tensor
+    std: Tensor
 
     def __init__(self, config: ImageEncoderConfig) -> None:
         super().__init__()

@@ -81,6 +81,9 @@ class Fusion(nn.Module):
 class MaterialEncoder(nn.Module):
     """Per-pixel material features of images."""
 
+    mean: Tensor
+    std: Tensor
+
     def __init__(self, config: MaterialEncoderConfig) -> None:
         super().__init__()
         self.config = config

@@ -83,8 +83,8 @@ class Upsampler(nn.Module):
         self.deconv = None
         if config.deconvolution:
             self.deconv = nn.ConvTranspose2d(width, config.channels, 2, stride=2)
-            nn.init.zeros_(self.up[-1].weight)
-            nn.init.zeros_(self.up[-1].bias)
+            for parameter in self.up[-1].parameters():
+                nn.init.zeros_(parameter)
 
     def forward(self, x: Tensor) -> Tensor:
         if self.deconv is None:
@@ -92,7 +92,7 @@ class Upsampler(nn.Module):
         planes = self.deconv(x)
         if len(self.up) > 1:
             planes = F.interpolate(planes, scale_factor=2 ** (len(self.up) - 1), mode="bilinear", align_corners=False)
-        learnt = torch.is_grad_enabled() or self.up[-1].weight.any() or self.up[-1].bias.any()
+        learnt = torch.is_grad_enabled() or any(parameter.any() for parameter in self.up[-1].parameters())
         return planes + self.detail(x) if learnt else planes
 
     def features(self, x: Tensor) -> Tensor:

@@ -92,9 +92,7 @@ def _arrays(name: str, mesh: bpy.types.Mesh) -> OwnMesh:
     return OwnMesh(name, vertices, faces, _read(layer.uv, "vector", 2, np.float32)[corners])
 
 
-def _read(
-    items: bpy.types.bpy_prop_collection, attribute: str, width: int, dtype: type[Number]
-) -> NDArray[Number]:
+def _read(items: bpy.types.bpy_prop_collection, attribute: str, width: int, dtype: type[Number]) -> NDArray[Number]:
     """(N, width) of an attribute."""
     flat = np.empty(len(items) * width, dtype=dtype)
     items.foreach_get(attribute, flat)

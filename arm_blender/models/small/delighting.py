@@ -129,8 +129,8 @@ class Delighting(nn.Module):
         self.asking = _Block(config, crossed=True)
         self.correction = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, width), nn.GELU(), nn.Linear(width, 3))
         for last in (self.light, self.correction[-1]):
-            nn.init.zeros_(last.weight)
-            nn.init.zeros_(last.bias)
+            for parameter in last.parameters():
+                nn.init.zeros_(parameter)
 
     def forward(self, points: SeenPoints, read: Tensor | None = None) -> Delit:
         """Light and albedo.
@@ -146,6 +146,7 @@ class Delighting(nn.Module):
         tokens = self.tokens + self.guess(_if_white(basis[:, few], color[:, few]))[:, None]
         for reading, blocks in zip(self.readings, self.blocks, strict=True):
             tokens = reading(tokens, told[:, few])
+            assert isinstance(blocks, nn.ModuleList)
             for block in blocks:
                 tokens = block(tokens)
         light = 0.5 * self.light(tokens.mean(dim=1)).unflatten(-1, (COUNT, 3))
@@ -199,7 +200,7 @@ class _Block(nn.Module):
 
     def forward(self, x: Tensor, others: Tensor | None = None) -> Tensor:
         query = self.norm(x)
-        key = query if others is None else self.others(others)
+        key = query if others is None or self.others is None else self.others(others)
         x = x + self.attention(query, key, key, need_weights=False)[0]
         return x + self.mlp(x)
 

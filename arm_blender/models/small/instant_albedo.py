@@ -59,10 +59,12 @@ SMALL = InstantAlbedoConfig(
 class InstantAlbedo(AtlasNetwork):
     """Two colours per texel, with and without the lighting of the views."""
 
+    config: InstantAlbedoConfig
+
     def __init__(self, config: InstantAlbedoConfig) -> None:
         super().__init__(config, BLEND_CHANNELS)
-        nn.init.zeros_(self.ffc.last.weight)
-        nn.init.zeros_(self.ffc.last.bias)
+        for parameter in self.ffc.last.parameters():
+            nn.init.zeros_(parameter)
         self.delighting = None if config.delighting is None else Delighting(config.delighting)
 
     def forward(self, images: Tensor, texels: TexelMap, seen: TexelViews, base: Tensor) -> tuple[Tensor, Tensor]:
@@ -90,24 +92,25 @@ class InstantAlbedo(AtlasNetwork):
         if self.delighting is None:
             plain = scaled(base, gain[:3])
         else:
-            plain = scaled(baked, self._without_light(texels, seen, surface))
+            plain = scaled(baked, _without_light(self.delighting, texels, seen, surface))
         return scaled(plain, gain[3:]), baked
 
-    @torch.no_grad()
-    def _without_light(self, texels: TexelMap, seen: TexelViews, surface: Tensor) -> Tensor:
-        """(3, T, T) logarithm of albedo over the views' blend, found for cells that views see and spread to the others.
 
-        Not learnt from here: `fit delighting` has its own samples.
-        """
-        side, resolution = texels.mask.shape[-1], surface.shape[-1]
-        share = torch.cat([cells(visible[None].float(), resolution) for visible in seen.visibility])  # (V, n, n)
-        covered, known = surface[0] > 0.0, share.amax(dim=0) > 0.0
-        gain = surface.new_zeros(3, resolution, resolution)
-        if not bool(known.any()):
-            return gain.new_zeros(3, side, side)
-        color = torch.stack([mean(c, s[None])[:, known].T for c, s in zip(seen.color, share, strict=True)])
-        normal = functional.normalize(surface[4:, known].T, dim=1)
-        points = (surface[1:4, known].T, normal, color, share[:, known] > 0.0, seen.eyes)
-        gain[:, known] = self.delighting.log_gain(SeenPoints(*(part[None] for part in points))).T
-        gain = diffuse_fill(gain, known, TexelMap(surface[1:4], surface[4:], covered))
-        return enlarged(gain, surface[:1], side)
+@torch.no_grad()
+def _without_light(delighting: Delighting, texels: TexelMap, seen: TexelViews, surface: Tensor) -> Tensor:
+    """(3, T, T) logarithm of albedo over the views' blend, found for cells that views see and spread to the others.
+
+    Not learnt from here: `fit delighting` has its own samples.
+    """
+    side, resolution = texels.mask.shape[-1], surface.shape[-1]
+    share = torch.cat([cells(visible[None].float(), resolution) for visible in seen.visibility])  # (V, n, n)
+    covered, known = surface[0] > 0.0, share.amax(dim=0) > 0.0
+    gain = surface.new_zeros(3, resolution, resolution)
+    if not bool(known.any()):
+        return gain.new_zeros(3, side, side)
+    color = torch.stack([mean(c, s[None])[:, known].T for c, s in zip(seen.color, share, strict=True)])
+    normal = functional.normalize(surface[4:, known].T, dim=1)
+    points = (surface[1:4, known].T, normal, color, share[:, known] > 0.0, seen.eyes)
+    gain[:, known] = delighting.log_gain(SeenPoints(*(part[None] for part in points))).T
+    gain = diffuse_fill(gain, known, TexelMap(surface[1:4], surface[4:], covered))
+    return enlarged(gain, surface[:1], side)

@@ -135,12 +135,15 @@ class RayOccupancy(nn.Module):
         self.unet = Unet(4 * LOCAL + WHOLE, config.unet)
         # How deep the whole is, from its bounds: known long before the pixels agree on it.
         self.whole = nn.Sequential(nn.Linear(WHOLE, 64), nn.SiLU(), nn.Linear(64, 64), nn.SiLU(), nn.Linear(64, 4))
-        self.layers = nn.Sequential(nn.SiLU(), nn.Conv2d(config.unet.out_channels, 16, 1), nn.PixelShuffle(2))
-        self.depths = nn.Sequential(nn.SiLU(), nn.Conv2d(config.unet.out_channels, config.depths, 1))
+        layers = nn.Conv2d(config.unet.out_channels, 16, 1)
+        depths = nn.Conv2d(config.unet.out_channels, config.depths, 1)
+        self.layers = nn.Sequential(nn.SiLU(), layers, nn.PixelShuffle(2))
+        self.depths = nn.Sequential(nn.SiLU(), depths)
         with torch.no_grad():  # Half as deep as the box at first, and not sure of it.
-            self.layers[1].bias.copy_(torch.tensor([-0.5, 0.5, -1.5, -1.5]).repeat_interleave(4))
-            self.depths[1].weight.zero_()
-            self.depths[1].bias.zero_()
+            assert layers.bias is not None
+            layers.bias.copy_(torch.tensor([-0.5, 0.5, -1.5, -1.5]).repeat_interleave(4))
+            for parameter in depths.parameters():
+                parameter.zero_()
 
     def encode(self, views: NetworkViews) -> EncodedRays:
         """Everything that points are decoded from."""
