@@ -5,15 +5,7 @@ import math
 import pytest
 import torch
 
-from arm_blender.graphics.cameras import (
-    Camera,
-    front_on_x,
-    look_at,
-    orbit_camera,
-    project,
-    unproject,
-    view_directions,
-)
+from arm_blender.graphics.cameras import Camera, front_on_x, look_at, orbit_camera, project, unproject, view_directions
 
 
 def test_azimuth_zero_stands_on_minus_y_and_grows_counter_clockwise_from_above():

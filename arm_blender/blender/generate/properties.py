@@ -1,14 +1,7 @@
 """What the user chooses, kept with the scene, and how the running job stands, kept with the window manager."""
 
 import bpy
-from bpy.props import (
-    BoolProperty,
-    CollectionProperty,
-    EnumProperty,
-    FloatProperty,
-    PointerProperty,
-    StringProperty,
-)
+from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, PointerProperty, StringProperty
 
 from ..compat import BLEND_RELATIVE
 from ..input.callbacks import views_changed
