@@ -25,5 +25,5 @@ def test_a_cold_start_takes_the_words_of_the_trial(monkeypatch, tmp_path):
     found = cost.measured_cost(tmp_path, Trial(settings, Protocol()))
     assert math.isnan(found.cold) and math.isnan(found.warm)  # Neither ended well: there are no views.
     words = parser().parse_args(asked[0][3:])  # What follows `python -m arm_blender`.
-    assert (words.views, words.weights) == (tmp_path, own)
+    assert (words.views, words.weights_folder) == (tmp_path, own)
     assert (words.preset, words.quality, words.grid, words.faces) == ("small", "draft", 40, 777)
