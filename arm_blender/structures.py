@@ -207,6 +207,6 @@ class RelightableAsset:
         return RelightableAsset(self.name, self.mesh.to(device), MaterialMaps(*moved))
 
 
-def stack_cameras(cameras: tuple[Camera, ...]) -> tuple[Tensor, Tensor]:
+def stack_cameras(cameras: Sequence[Camera]) -> tuple[Tensor, Tensor]:
     """(V, 4, 4) c2w and (V, 3, 3) K of V cameras."""
     return torch.stack([c.c2w for c in cameras]), torch.stack([c.K for c in cameras])

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from pickle import UnpicklingError
+from typing import Generic, TypeVar
 
 import torch
 from torch import Tensor, nn
@@ -29,14 +30,16 @@ logger = logging.getLogger(__name__)
 Loss = Callable[[int], tuple[Tensor, dict[str, float]]]
 """Of a step's number: what is minimised, and named numbers to log."""
 
-Validate = Callable[[nn.Module], dict[str, float]]
+Model = TypeVar("Model", bound=nn.Module)
+
+Validate = Callable[[Model], dict[str, float]]
 """Named numbers of a model on samples that training never sees."""
 
-Pictures = Callable[[nn.Module], Tensor]
+Pictures = Callable[[Model], Tensor]
 """(3, H, W) in [0, 1]: inputs, predictions and truth side by side."""
 
 
-class Trainer:
+class Trainer(Generic[Model]):
     """Runs `loss(step)` until the budget is spent.
 
     Args:
@@ -48,7 +51,7 @@ class Trainer:
         CheckpointError: `resume` is of another network, or of another seed.
     """
 
-    def __init__(self, model: nn.Module, config: TrainerConfig, resume: Path, record: RunRecord | None = None) -> None:
+    def __init__(self, model: Model, config: TrainerConfig, resume: Path, record: RunRecord | None = None) -> None:
         distributed.join()
         resume.parent.mkdir(parents=True, exist_ok=True)
         self.model, self.config, self.resume = model, config, resume
@@ -71,7 +74,7 @@ class Trainer:
             blocks.compile_blocks(model)
 
     @classmethod
-    def from_arguments(cls, model: nn.Module, args: argparse.Namespace) -> "Trainer":
+    def from_arguments(cls, model: Model, args: argparse.Namespace) -> "Trainer[Model]":
         """As the options of every stage say, with a record in runs/NAME/ beside the output NAME.safetensors."""
         return cls(model, config(args), args.output.with_suffix(".resume"), RunRecord.beside(args.output, vars(args)))
 
@@ -130,7 +133,7 @@ class Trainer:
             else:
                 mine.copy_(theirs)
 
-    def run(self, loss: Loss, validate: Validate, pictures: Pictures | None = None) -> nn.Module:
+    def run(self, loss: Loss, validate: Validate[Model], pictures: Pictures[Model] | None = None) -> Model:
         """Train until the budget is spent; returns the averaged model.
 
         Raises:
@@ -189,7 +192,7 @@ class Trainer:
             "are those before them; lower --learning-rate, or look for a damaged sample"
         )
 
-    def keep(self, validate: Validate, pictures: Pictures | None = None) -> None:
+    def keep(self, validate: Validate[Model], pictures: Pictures[Model] | None = None) -> None:
         """Save and validate, in one of the processes: all have the same weights."""
         if distributed.rank() > 0:
             return

@@ -30,15 +30,17 @@ class NetworkViews:
 
 
 class PictureConfig(Protocol):
-    """What of a network's configuration pictures are made by.
+    """What of a network's configuration pictures are made by."""
 
-    Attributes:
-        image_size: pixels a side of the network's input.
-        background: grey level (sRGB) behind the object.
-    """
+    @property
+    def image_size(self) -> int:
+        """Pixels a side of the network's input."""
+        ...
 
-    image_size: int
-    background: float
+    @property
+    def background(self) -> float:
+        """Grey level (sRGB) behind the object."""
+        ...
 
 
 def network_views(views: ViewSet, config: PictureConfig, silhouette_size: int = 320) -> NetworkViews:

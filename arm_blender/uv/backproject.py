@@ -11,7 +11,7 @@ from ..graphics.cameras import Camera, project, view_directions
 from ..graphics.meshes import face_areas, face_normals, signed_areas
 from ..graphics.ragged import in_pieces
 from ..progress import Progress, silent
-from ..structures import TexelMap, TexelViews, UvMesh, ViewSet
+from ..structures import TexelMap, TexelViews, TriangleMesh, UvMesh, ViewSet
 from .view_sampling import footprint, sample_view
 from .visibility import DepthBuffer, opaque_pixels, unoccluded
 
@@ -124,7 +124,7 @@ def look(camera: Camera, points: Tensor, normals: Tensor) -> tuple[Tensor, Tenso
 
 
 def sight(
-    mesh: UvMesh,
+    mesh: TriangleMesh | UvMesh,
     points: Tensor,
     normals: Tensor,
     facing: Tensor,

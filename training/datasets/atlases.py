@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from arm_blender.errors import ArmError, EmptyMeshError, UnwrapError
@@ -26,8 +27,8 @@ from arm_blender.uv.texels import texel_map
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 
 from ..rasterized.surface import welded
+from ..rendering.shards import Arrays, cameras, read_mesh, rigs, save_arrays
 from ..rendering.shards import arrays as read_arrays
-from ..rendering.shards import cameras, read_mesh, rigs, save_arrays
 from .atlas_lookup import AtlasLookup, atlas_lookup
 
 logger = logging.getLogger(__name__)
@@ -119,7 +120,7 @@ def load(path: Path, subset: int) -> Atlas:
         return atlas_of({key: file[key] for key in file.files}, subset)
 
 
-def atlas_of(arrays: dict[str, np.ndarray], subset: int) -> Atlas:
+def atlas_of(arrays: Arrays, subset: int) -> Atlas:
     """One sample from the arrays of its file, as of `sample_arrays`."""
     views = cameras(arrays)
     subset %= len(arrays["subsets"])
@@ -162,11 +163,11 @@ def unwrapped(path: Path, config: AtlasConfig) -> UvMesh | None:
 
 def sample_arrays(
     mesh: UvMesh,
-    rig: dict[str, np.ndarray],
+    rig: Arrays,
     size: int,
     subsets: Tensor,
     depth_resolution: int = BackprojectConfig.depth_resolution,
-) -> dict[str, np.ndarray]:
+) -> Arrays:
     """The arrays of one file: a rig in texture space.
 
     Args:
@@ -231,7 +232,7 @@ def _seen(texels: TexelMap, color: Tensor, visible: Tensor, views: tuple[Camera,
     return TexelViews(color * visible[:, None], visible, eyes, cosine, pixels)
 
 
-def _bytes(linear: Tensor) -> np.ndarray:
+def _bytes(linear: Tensor) -> NDArray[np.uint8]:
     """uint8 sRGB, as files keep colours."""
     return bytes_from_unit(srgb_from_linear(linear)).numpy()
 

@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
@@ -87,7 +86,7 @@ def prepare(folder: Path, cache: Path, shapes: Shapes, library: Library, copies:
     return len(list(cache.glob("[!.]*.npz")))
 
 
-def _rig(path: Path, copy: int, library: Library, cache: Path) -> dict[str, np.ndarray]:
+def _rig(path: Path, copy: int, library: Library, cache: Path) -> shards.Arrays:
     """The rig as it was rendered, or a copy of it with other materials and light."""
     if copy == 0:
         return shards.arrays(path, "rgba", "albedo", "c2w", "K")
@@ -112,9 +111,7 @@ def save(target: Path, points: SeenPoints, albedo: Tensor) -> None:
 
 
 @torch.no_grad()
-def carried(
-    mesh: TriangleMesh, rig: dict[str, np.ndarray], generator: torch.Generator
-) -> tuple[SeenPoints, Tensor] | None:
+def carried(mesh: TriangleMesh, rig: shards.Arrays, generator: torch.Generator) -> tuple[SeenPoints, Tensor] | None:
     """What the input views of a rig show, on points of a mesh.
 
     Args:
@@ -139,13 +136,13 @@ def carried(
         shown.append(torch.cat([color.T for color, _ in both], dim=1))
         visible.append(seen & both[0][1])
         eyes.append(camera.center)
-    shown, visible = torch.stack(shown), torch.stack(visible)  # (V, 2 P, 6), (V, 2 P)
-    chosen = visible.any(dim=0).nonzero()[:POINTS, 0]
+    colors, sights = torch.stack(shown), torch.stack(visible)  # (V, 2 P, 6), (V, 2 P)
+    chosen = sights.any(dim=0).nonzero()[:POINTS, 0]
     if len(chosen) < FEWEST:
         return None
-    color, albedo = shown[None, :, chosen].split(3, dim=-1)
+    color, albedo = colors[None, :, chosen].split(3, dim=-1)
     points = SeenPoints(
-        place[None, chosen], normal[None, chosen], color, visible[None, :, chosen], torch.stack(eyes)[None]
+        place[None, chosen], normal[None, chosen], color, sights[None, :, chosen], torch.stack(eyes)[None]
     )
     return points, replace(points, color=albedo).blended()
 

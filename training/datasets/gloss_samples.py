@@ -3,6 +3,7 @@
 import logging
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -50,7 +51,7 @@ class Shapes:
     """
 
     def __init__(self, weights: Path, grid: int, device: torch.device, folder: Path | None = None) -> None:
-        self.model = networks.read("georm", weights).requires_grad_(False).eval().to(device)
+        self.model: Any = networks.read("georm", weights).requires_grad_(False).eval().to(device)
         self.grid, self.device, self.folder = grid, device, folder
         self._mark = f"{checkpoints.sha256(weights)[:12]}.{grid}"
 

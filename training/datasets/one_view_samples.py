@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from torch import Tensor
 
@@ -151,7 +152,7 @@ def _layers(moved: Solid, camera: Camera, fragments: Fragments, generator: torch
     return unproject(pixels, front[row, column], camera)[None], unproject(pixels, back[row, column], camera)[None]
 
 
-def _signed_distance(mask: np.ndarray) -> np.ndarray:
+def _signed_distance(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
     """(H, W) as of `visual_hull.signed_silhouette_distance`, which is made for devices: this takes a tenth of it."""
     inside, outside = distance_transform_edt(mask), distance_transform_edt(~mask)
     return (np.maximum(inside - 0.5, 0.0) - np.maximum(outside - 0.5, 0.0)).astype(np.float32)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
@@ -50,6 +51,10 @@ STRETCH = 0.4
 """Largest logarithm of the factor along an axis."""
 
 
+Cloud = tuple[NDArray[np.float32], NDArray[np.uint8]]
+"""Points and colours, (C, 3) each."""
+
+
 @dataclass(frozen=True)
 class Solid:
     """An object, its points inside and outside, and its colours.
@@ -65,7 +70,7 @@ class Solid:
     mesh: TriangleMesh
     points: Tensor
     distance: Tensor
-    clouds: tuple[tuple[np.ndarray, np.ndarray], ...]
+    clouds: tuple[Cloud, ...]
 
 
 @dataclass(frozen=True)
@@ -106,7 +111,7 @@ def load_solids(folder: Path, held_out: bool = False, cloud: int = CLOUD) -> lis
     return solids
 
 
-def _cloud(path: Path, count: int) -> tuple[np.ndarray, np.ndarray]:
+def _cloud(path: Path, count: int) -> Cloud:
     """What all pictures of a rig show, as points (C, 3) and colours (C, 3)."""
     arrays = shards.arrays(path, "rgba", "depth", "c2w", "K")
     points, colors = [], []

@@ -93,5 +93,7 @@ def save_atlas(path: Path, mesh: UvMesh) -> None:
 def read_atlas(path: Path) -> UvMesh:
     """What `save_atlas` kept."""
     with np.load(path) as file:
-        tensors = [torch.from_numpy(file[name]) for name in ("vertices", "faces", "uvs", "face_uvs")]
-        return UvMesh(*tensors, int(file["charts"]))
+        vertices, faces, uvs, face_uvs = (
+            torch.from_numpy(file[name]) for name in ("vertices", "faces", "uvs", "face_uvs")
+        )
+        return UvMesh(vertices, faces, uvs, face_uvs, int(file["charts"]))

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -43,6 +43,9 @@ class ViewSample:
     vertices: Tensor
 
 
+Sample = TypeVar("Sample", bound=ViewSample)
+
+
 @dataclass(frozen=True)
 class Crop:
     """A square window of each view.
@@ -76,7 +79,7 @@ def load(path: Path, config: PictureConfig) -> ViewSample:
     return ViewSample(network_views(views, config), c2w, K, truth, vertices)
 
 
-def moved(sample: ViewSample, generator: torch.Generator) -> ViewSample:
+def moved(sample: Sample, generator: torch.Generator) -> Sample:
     """The object turned about Z and made smaller at random, with its cameras and its truth; it stays in the box."""
     angle, shrink = torch.rand(2, generator=generator).tolist()
     turn = rotation_z(2.0 * math.pi * angle)
@@ -100,7 +103,7 @@ def on_device(value: Any, device: torch.device) -> Any:
     """The same, with every tensor that it is made of on a device; of samples, or of what these consist of."""
     if isinstance(value, Tensor):
         return value.to(device)
-    if is_dataclass(value):
+    if is_dataclass(value) and not isinstance(value, type):
         return replace(value, **{part.name: on_device(getattr(value, part.name), device) for part in fields(value)})
     return value
 

@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
         batch = outline_samples.batch(solids, args.batch, args.points, distributed.generator(args.seed, index))
         terms = loss_terms(model, batch, args.bfloat16)
-        return sum(terms.values()), {name: float(term.detach()) for name, term in terms.items()}
+        return sum(terms.values(), torch.zeros(())), {name: float(term.detach()) for name, term in terms.items()}
 
     averaged = Trainer.from_arguments(model, args).run(step, lambda averaged: validate(averaged, held_out))
     if distributed.rank() == 0:

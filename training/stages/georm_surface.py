@@ -108,7 +108,8 @@ def pull_towards_truth(field: RawDensity, views: Crop, config: SurfaceConfig, dr
     raw = field((origins + distance[..., None] * directions).clamp(-1.0, 1.0).flatten(0, 1)[None])
     solid = torch.stack([hit, torch.zeros_like(hit)]).flatten()
     wrong = torch.where(solid, -raw[0], raw[0]).clamp(min=0.0)
-    return sum((wrong * side).sum() / side.sum().clamp(min=1) for side in (solid, ~solid))
+    inside, outside = ((wrong * side).sum() / side.sum().clamp(min=1) for side in (solid, ~solid))
+    return inside + outside
 
 
 @torch.no_grad()

@@ -153,7 +153,7 @@ def run(args: argparse.Namespace) -> int:
     config = replace(config, **asked_for(args, config.fewer_views))
     model = start(args.preset, args.georm)
     shapes = Shapes(args.georm, config.grid, distributed.device(args.device), args.shapes)
-    stage = ViewStage(
+    stage = ViewStage[GlossyRM, GlossSample](
         "glossyrm",
         lambda path: shapes.load(path, model.config),
         lambda model, sample, draws: sample_loss(model, sample, config, draws, args.bfloat16),

@@ -129,10 +129,11 @@ def atlas_loss(albedo: Tensor, baked: Tensor, atlas: Atlas, views: Tensor, setti
     rows, columns = _window(atlas.lookup.mask[views])
     lookup = atlas.lookup.part(views, rows, columns)
     shown = lookup.render(torch.cat([baked, albedo])).split(3, dim=1)
-    return sum(
+    of_baked, of_albedo = (
         image_loss(srgb_from_linear(x), y[views, :, rows, columns], lookup.mask, settings.loss, settings.perceptual)
         for x, y in zip(shown, (atlas.baked, atlas.albedo), strict=True)
     )
+    return of_baked + of_albedo
 
 
 def _window(mask: Tensor) -> tuple[slice, slice]:

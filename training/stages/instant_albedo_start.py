@@ -50,10 +50,10 @@ class Start:
             checkpoints.restore(model, checkpoints.load(self.whole, type(self.config))[1], self.whole)
         if self.material_prior is not None:
             _, state = checkpoints.load(self.material_prior, MaterialEncoderConfig)
-            checkpoints.restore(model.encoder, state, self.material_prior)
+            checkpoints.restore(model.get_submodule("encoder"), state, self.material_prior)
         if self.delighting is not None:
             _, state = checkpoints.load(self.delighting, DelightingConfig)
-            checkpoints.restore(model.delighting, state, self.delighting)
+            checkpoints.restore(model.get_submodule("delighting"), state, self.delighting)
         if getattr(model, "delighting", None) is not None:
             model.delighting.requires_grad_(False)
         return model
@@ -67,7 +67,7 @@ def start_of(args: argparse.Namespace) -> Start:
         ArmError: `--delighting` does not go with the other words.
     """
     if args.start is not None:
-        config = checkpoints.load(args.start, *networks.NETWORKS["instant_albedo"])[0]
+        config: AtlasNetworkConfig = checkpoints.load(args.start, *networks.NETWORKS["instant_albedo"])[0]
     else:
         config = SIZES[args.preset]
         if isinstance(config, InstantAlbedoConfig) and args.delighting is None:

@@ -101,7 +101,7 @@ class MaterialPrior(nn.Module):
         return found[:, : len(LABELS)], found[:, len(LABELS) :]
 
 
-def material_sample(rig: dict[str, object]) -> MaterialSample:
+def material_sample(rig: shards.Arrays) -> MaterialSample:
     """The pictures of a rasterised rig."""
     rgba = torch.from_numpy(rig["rgba"]).permute(0, 3, 1, 2) / 255.0
     gloss = torch.stack([torch.from_numpy(rig[name]) for name in ("roughness", "metallic")], dim=1)

@@ -97,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
 
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
         terms = answer(model, drawn.batch(index, args.batch), args.bfloat16)[1]
-        return sum(terms.values()), {name: float(term.detach()) for name, term in terms.items()}
+        return sum(terms.values(), torch.zeros(())), {name: float(term.detach()) for name, term in terms.items()}
 
     averaged = Trainer.from_arguments(model, args).run(step, lambda averaged: validate(averaged, held_out))
     if distributed.rank() == 0:

@@ -9,10 +9,10 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from arm_blender.errors import ArmError
 from arm_blender.models.image_encoder import ImageEncoderConfig
@@ -27,7 +27,7 @@ from arm_blender.weight_files import checkpoints
 from .. import distributed, options
 from ..datasets import view_samples
 from ..datasets.point_samples import drop_views, is_held_out
-from ..datasets.view_samples import ViewSample
+from ..datasets.view_samples import Sample, ViewSample
 from ..feature_distance import FeatureDistance
 from ..losses import Perceptual
 from ..lpips import Lpips
@@ -52,12 +52,14 @@ CONFIGS = {"tiny": TINY, "paper": PAPER, "instantmesh": INSTANTMESH}
 VALIDATED = 16
 """Held-out samples at most in a validation."""
 
-Terms = Callable[[nn.Module, ViewSample, torch.Generator], dict[str, Tensor]]
+Model = TypeVar("Model", GeoRM, GlossyRM)
+
+Terms = Callable[[Model, Sample, torch.Generator], dict[str, Tensor]]
 """The loss of a model on one sample, term by term, of what is drawn at random from a generator."""
 
 
 @dataclass(frozen=True)
-class ViewStage:
+class ViewStage(Generic[Model, Sample]):
     """What makes a stage.
 
     Attributes:
@@ -69,10 +71,10 @@ class ViewStage:
     """
 
     network: str
-    load: Callable[[Path], ViewSample]
-    terms: Terms
-    validation: Terms
-    picture: Callable[[nn.Module, ViewSample], Tensor]
+    load: Callable[[Path], Sample]
+    terms: Terms[Model, Sample]
+    validation: Terms[Model, Sample]
+    picture: Callable[[Model, Sample], Tensor]
 
 
 def add_arguments(parser: argparse.ArgumentParser, presets: tuple[str, ...] = tuple(CONFIGS)) -> None:
@@ -85,8 +87,9 @@ def add_arguments(parser: argparse.ArgumentParser, presets: tuple[str, ...] = tu
     parser.add_argument("--device", default="cpu", help="cpu or cuda; under torchrun each process takes its own")
 
 
-def asked_for(args: argparse.Namespace, fewer_views: float) -> dict[str, Perceptual | float | None]:
+def asked_for(args: argparse.Namespace, fewer_views: float) -> dict[str, Any]:
     """The fields of a stage's config that the arguments say: "perceptual", and "fewer_views" or the given default."""
+    perceptual: Perceptual | None
     if args.feature_distance:
         perceptual = FeatureDistance.installed()
     else:
@@ -113,7 +116,7 @@ def fit_georm(
     args: argparse.Namespace,
     config: Any,
     sample_loss: Callable[..., dict[str, Tensor]],
-    picture: Callable[[nn.Module, ViewSample, Any], Tensor],
+    picture: Callable[[GeoRM, ViewSample, Any], Tensor],
 ) -> int:
     """`fit` of GeoRM in the preset's size, by the loss of a stage of its own.
 
@@ -126,7 +129,7 @@ def fit_georm(
     """
     torch.manual_seed(args.seed)
     network, whole = CONFIGS[args.preset], replace(config, fewer_views=0.0)
-    stage = ViewStage(
+    stage = ViewStage[GeoRM, ViewSample](
         "georm",
         lambda path: view_samples.load(path, network),
         lambda model, sample, draws: sample_loss(model, sample, config, draws, args.bfloat16),
@@ -136,7 +139,7 @@ def fit_georm(
     return fit(args, GeoRM(network), stage)
 
 
-def fit(args: argparse.Namespace, model: Network, stage: ViewStage) -> int:
+def fit(args: argparse.Namespace, model: Model, stage: ViewStage[Model, Sample]) -> int:
     """Train and write the averaged weights.
 
     Raises:
@@ -155,12 +158,12 @@ def fit(args: argparse.Namespace, model: Network, stage: ViewStage) -> int:
             sample = view_samples.moved(stage.load(training[number]), draws)
             for name, term in stage.terms(model, view_samples.on_device(sample, device), draws).items():
                 totals[name] = totals.get(name, 0.0) + term / args.batch
-        return sum(totals.values()), {name: float(term.detach()) for name, term in totals.items()}
+        return sum(totals.values(), torch.zeros(())), {name: float(term.detach()) for name, term in totals.items()}
 
-    def check(averaged: nn.Module) -> dict[str, float]:
+    def check(averaged: Model) -> dict[str, float]:
         return validate(averaged, held_out[:VALIDATED], stage, device)
 
-    def picture(averaged: nn.Module) -> Tensor:
+    def picture(averaged: Model) -> Tensor:
         sample = stage.load((held_out or training)[0])
         return stage.picture(averaged, view_samples.on_device(sample, device))
 
@@ -188,7 +191,9 @@ def split(folder: Path) -> tuple[list[Path], list[Path]]:
 
 
 @torch.no_grad()
-def validate(model: nn.Module, paths: list[Path], stage: ViewStage, device: torch.device) -> dict[str, float]:
+def validate(
+    model: Model, paths: list[Path], stage: ViewStage[Model, Sample], device: torch.device
+) -> dict[str, float]:
     """The mean terms over samples that training never sees, always drawn alike."""
     totals: dict[str, float] = {}
     for path in paths:
