@@ -88,14 +88,13 @@ def test_the_readme_states_the_sizes_of_the_networks(monkeypatch):
 
 @pytest.mark.parametrize("preset", ["paper", "small"])
 def test_the_parts_of_a_network_add_up_to_it(preset):
-    counts = network_parameters(preset)
-    parts = sum(count for name, count in counts.items() if name.startswith("GeoRM, "))
-    assert parts == counts["**GeoRM**"]
+    counts = network_parameters(preset)["georm"]
+    assert sum(count for part, count in counts.items() if part) == counts[""]
 
 
 def test_the_papers_transformer_has_the_size_of_the_published_one():
     # InstantMesh's transformer has 263.7 M parameters, of which its deconvolution to 80 channels is not in ours.
-    assert network_parameters("paper")["GeoRM, transformer"] == pytest.approx(263.7e6 - 1024 * 80 * 4, rel=2e-4)
+    assert network_parameters("paper")["georm"]["transformer"] == pytest.approx(263.7e6 - 1024 * 80 * 4, rel=2e-4)
 
 
 def test_an_object_without_views_is_named_and_not_left_out_of_the_mean(tmp_path):
