@@ -4,6 +4,7 @@ import argparse
 import re
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 from ..documents import fill_block, markdown_table, paragraphs
 from ..rendering.manifest import read_manifest
@@ -22,7 +23,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def sources(manifest: dict) -> str:
+def sources(manifest: dict[str, Any]) -> str:
     """Markdown: who made what the weights were trained on, under which licence.
 
     Everything that asks for credit is named one by one; what is in the public domain is thanked by its maker.

@@ -8,8 +8,10 @@ import torch
 from arm_blender.config import PRESETS
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.graphics.raster.rasterize import rasterize, rasterize_views
-from arm_blender.graphics.surface.isosurface import IsosurfaceConfig, extract
+from arm_blender.graphics.surface.isosurface import extract
+from arm_blender.graphics.surface.sample_grid import IsosurfaceConfig
 from arm_blender.models.network_views import network_views
+from arm_blender.models.small.volume_georm import VolumeGeoRM
 from arm_blender.structures import ViewSet
 from arm_blender.uv.backproject import backproject
 from arm_blender.uv.blend import blend
@@ -47,6 +49,7 @@ def strange_views() -> Iterator[Row]:
         "a seventh camera inside of the ball": (torch.cat([six, full]), (*rig, inside)),
     }
     georm, config = built("georm", PRESETS["small"].georm, True), IsosurfaceConfig(64, iso=0.0, chunk=2**14)
+    assert isinstance(georm, VolumeGeoRM)  # As the preset says.
     for name, (images, cameras) in cases.items():
         views = ViewSet(images, cameras, torch.ones(len(cameras)), "ball")
         encoded = georm.encode(network_views(views, georm.config))

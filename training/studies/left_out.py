@@ -63,7 +63,8 @@ def row(title: str, views: ViewSet, settings: Settings, mesh: TriangleMesh | Non
 def sampling(item: EvaluationObject, settings: Settings) -> list[object]:
     """One line of the second table: samples taken, and faces of the dense surface that the sparse one has not."""
     views, _ = normalise(item.views())
-    faces, asked = [], []
+    faces: list[int] = []
+    asked: list[int] = []
     with torch.inference_mode():
         field = pipeline.density(views, settings, Report(settings.preset, settings.device, settings.seed))
 

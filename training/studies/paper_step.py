@@ -10,8 +10,9 @@ import multiprocessing
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from functools import partial
+from functools import partial, reduce
 from pathlib import Path
+from typing import Any, TypeVar
 
 import torch
 from torch import Tensor, nn
@@ -24,7 +25,7 @@ from arm_blender.models.paper.georm import RAW_ISO, GeoRM
 from arm_blender.models.paper.glossyrm import GlossyRM
 from arm_blender.models.paper.instant_albedo import PAPER as PAPER_ALBEDO
 from arm_blender.models.paper.instant_albedo import PaperInstantAlbedo
-from arm_blender.models.paper.reconstruction import PAPER, EncodedPlanes
+from arm_blender.models.paper.reconstruction import PAPER, EncodedPlanes, ReconstructionConfig
 from arm_blender.report import own_peak_mib
 from arm_blender.structures import TexelMap, TexelViews, stack_cameras
 
@@ -42,7 +43,8 @@ DOCUMENT = Path("docs/training-cost.md")
 BALL = 0.6
 """Radius of the made-up object; a third of a view is its."""
 
-Loss = Callable[[nn.Module], Tensor]
+Network = TypeVar("Network", bound=nn.Module)
+Loss = Callable[[Network], Tensor]
 """Of a model, on a made-up sample."""
 
 
@@ -77,14 +79,14 @@ def ball(points: Tensor) -> Tensor:
 
 def inputs() -> NetworkViews:
     """Six views of 320²."""
-    c2w, K = stack_cameras([orbit_camera(60.0 * i, (20.0, -10.0)[i % 2], 4.0, 30.0, 320, 320) for i in range(6)])
+    c2w, K = stack_cameras(tuple(orbit_camera(60.0 * i, (20.0, -10.0)[i % 2], 4.0, 30.0, 320, 320) for i in range(6)))
     return NetworkViews(torch.rand(1, 6, 4, 320, 320), torch.rand(1, 6, 2, 320, 320), c2w[None], K[None])
 
 
 def sample() -> ViewSample:
     """Ten views of 512² with a disc for the truth."""
     size = 512
-    c2w, K = stack_cameras([orbit_camera(36.0 * i, 20.0, 4.0, 30.0, size, size) for i in range(10)])
+    c2w, K = stack_cameras(tuple(orbit_camera(36.0 * i, 20.0, 4.0, 30.0, size, size) for i in range(10)))
     pixels = torch.arange(size) + 0.5 - size / 2
     disc = (pixels.square() + pixels[:, None].square()).sqrt() < BALL / 4.0 * float(K[0, 0, 0])
     depth = torch.where(disc, 4.0 - BALL, torch.inf).expand(10, -1, -1)
@@ -92,30 +94,31 @@ def sample() -> ViewSample:
     return ViewSample(inputs(), c2w, K, truth, torch.zeros(1, 3))
 
 
-def volume_loss(side: int) -> Loss:
+def volume_loss(side: int) -> Loss[GeoRM]:
     """Stage 1 with windows of `side` pixels."""
     made_up, draws = sample(), torch.Generator().manual_seed(0)
     config = replace(georm_volume.VolumeConfig(), window=side)
-    return lambda model: sum(georm_volume.sample_loss(model, made_up, config, draws).values())
+    return lambda model: reduce(torch.add, georm_volume.sample_loss(model, made_up, config, draws).values())
 
 
-def surface_loss() -> Loss:
+def surface_loss() -> Loss[GeoRM]:
     """Stage 2, whole."""
     made_up, draws = sample(), torch.Generator().manual_seed(0)
     config = georm_surface.SurfaceConfig()
-    return lambda model: sum(georm_surface.sample_loss(model, made_up, config, draws).values())
+    return lambda model: reduce(torch.add, georm_surface.sample_loss(model, made_up, config, draws).values())
 
 
-def glossy_loss() -> Loss:
+def glossy_loss() -> Loss[GlossyRM]:
     """GlossyRM's on a ball as fine as GeoRM's shapes."""
     made_up, draws, config = sample(), torch.Generator().manual_seed(0), glossyrm.GlossyConfig()
     shape = iso_surface(ball, config.grid, torch.device("cpu"))
+    assert shape is not None  # A ball has a surface.
     gloss = torch.rand(10, 2, 512, 512)
     whole = GlossSample(made_up.inputs, made_up.c2w, made_up.K, made_up.truth, shape.vertices, shape.faces, gloss)
-    return lambda model: sum(glossyrm.sample_loss(model, whole, config, draws).values())
+    return lambda model: reduce(torch.add, glossyrm.sample_loss(model, whole, config, draws).values())
 
 
-RUNS: dict[str, tuple[type[nn.Module], Callable[[], Loss], str]] = {
+RUNS: dict[str, tuple[Callable[[ReconstructionConfig], nn.Module], Callable[[], Loss[Any]], str]] = {
     "georm-volume": (GeoRM, lambda: volume_loss(32), "windows of 32² instead of 192²"),
     "georm-surface": (WithBall, surface_loss, "nothing left out"),
     "glossyrm": (GlossyRM, glossy_loss, "nothing left out"),
@@ -136,8 +139,9 @@ def run_step(name: str) -> Run:
     del kept
     value.backward()
     seconds = time.perf_counter() - started
-    lost = [key for key, parameter in model.named_parameters() if parameter.grad is None]
-    if lost or not all(bool(p.grad.isfinite().all()) for p in model.parameters()):
+    gradients = {key: parameter.grad for key, parameter in model.named_parameters()}
+    lost = [key for key, grad in gradients.items() if grad is None or not bool(grad.isfinite().all())]
+    if lost:
         raise ValueError(f"{name}: gradients missing or not finite: {lost}")
     return Run(seconds, (own_peak_mib() or 0.0) / 1024.0, size, what)
 
@@ -148,7 +152,7 @@ def in_own_process(name: str) -> Run:
         return pool.apply(run_step, (name,))
 
 
-def kept_without_memory(network: Callable[[], nn.Module], prepare: Callable[[], Loss], recompute: bool) -> int:
+def kept_without_memory(network: Callable[[], Network], prepare: Callable[[], Loss[Network]], recompute: bool) -> int:
     """Bytes that a step keeps, of tensors that have shapes and no content; its backward pass is followed as well."""
     with torch.device("meta"):
         model = network()
@@ -165,7 +169,7 @@ def kept_without_memory(network: Callable[[], nn.Module], prepare: Callable[[], 
     return size
 
 
-def encoding() -> Loss:
+def encoding() -> Loss[GeoRM]:
     """What GeoRM and GlossyRM make of the views."""
     views = unposed()
     return lambda model: model.encode(views).planes.sum()
@@ -178,15 +182,15 @@ def unposed() -> NetworkViews:
     )
 
 
-def whole_volume_loss() -> Loss:
+def whole_volume_loss() -> Loss[GeoRM]:
     """Stage 1 whole, cameras of no matter."""
     draws, config = torch.Generator(), georm_volume.VolumeConfig()
     maps = SurfaceMaps(torch.rand(10, 512, 512), torch.rand(10, 512, 512), torch.rand(10, 3, 512, 512))
     made_up = ViewSample(unposed(), torch.rand(10, 4, 4), torch.rand(10, 3, 3), maps, torch.rand(4, 3))
-    return lambda model: sum(georm_volume.sample_loss(model, made_up, config, draws).values())
+    return lambda model: reduce(torch.add, georm_volume.sample_loss(model, made_up, config, draws).values())
 
 
-def albedo_loss(size: int) -> Loss:
+def albedo_loss(size: int) -> Loss[PaperInstantAlbedo]:
     """InstantAlbedo on six views of 320² and an atlas of `size` texels; the comparison of colours is left out."""
     texels = TexelMap(torch.rand(3, size, size), torch.rand(3, size, size), torch.ones(size, size, dtype=torch.bool))
     seen = TexelViews(

@@ -8,28 +8,29 @@ import copy
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass, replace
-from typing import Any
+from typing import Any, get_args
 
 import torch
 from torch import Tensor, nn
 
 from arm_blender import networks, pipeline
 from arm_blender.config import PRESETS, Preset, Settings
-from arm_blender.graphics.light.brdf import evaluate
+from arm_blender.graphics.light.brdf import Form, evaluate
 from arm_blender.graphics.raster.differentiable import with_gradient
 from arm_blender.graphics.raster.rasterize import interpolate, rasterize
-from arm_blender.graphics.surface.isosurface import IsosurfaceConfig, crossed_edges, vertices_from_densities
+from arm_blender.graphics.surface.isosurface import crossed_edges, vertices_from_densities
+from arm_blender.graphics.surface.sample_grid import IsosurfaceConfig
 from arm_blender.models.atlas_network import AtlasNetworkConfig
 from arm_blender.models.ffc import FfcConfig
 from arm_blender.models.image_encoder import ImageEncoderConfig
 from arm_blender.models.material_encoder import MaterialEncoderConfig
-from arm_blender.models.network_views import network_views
+from arm_blender.models.network_views import NetworkViews, network_views
 from arm_blender.models.paper.reconstruction import ReconstructionConfig
 from arm_blender.models.transformer import TransformerConfig
 from arm_blender.models.triplane import UpsamplerConfig
 from arm_blender.models.unet import UnetConfig
 from arm_blender.models.vit import VitConfig
-from arm_blender.structures import ViewSet
+from arm_blender.structures import TexelMap, TexelViews, ViewSet
 from arm_blender.uv.backproject import backproject
 from arm_blender.uv.blend import blend
 from arm_blender.uv.decimate import decimate
@@ -86,7 +87,7 @@ NOTHING: Cells = ("-", "-")
 """Of a part that a network has not."""
 
 
-def table(views: ViewSet) -> list[list[object]]:
+def table(views: ViewSet) -> list[list[str]]:
     """Rows under `HEADER`: every part of `small` with its weights and of a narrow `paper` with random ones.
 
     Args:
@@ -110,7 +111,7 @@ def network_errors(preset: Preset, views: ViewSet, shipped: bool) -> Iterator[tu
     points = 2.0 * torch.rand(1, 4096, 3, generator=torch.Generator().manual_seed(0)) - 1.0
     inputs = network_views(views, preset.georm), points
 
-    def logits(network: nn.Module, views: Any, points: Tensor) -> Tensor:
+    def logits(network: Any, views: NetworkViews, points: Tensor) -> Tensor:
         encoded = network.encode(views)
         with torch.autocast("cpu", enabled=False):  # As training does: encoded in half precision, decoded in single.
             return network.occupancy_logit(encoded if points.dtype == torch.float64 else encoded.float(), points)
@@ -120,7 +121,7 @@ def network_errors(preset: Preset, views: ViewSet, shipped: bool) -> Iterator[tu
     single, half, exact = (x[0] > 0.0 for x in in_three_precisions(logits, georm, *inputs))
     if bool(exact.any()) and not bool(exact.all()):  # Random weights may find all of the box on one side.
         name = f"GeoRM, points of {exact.numel():,} that change sides"
-        yield name, tuple(str(int((x != exact).sum())) for x in (single, half))
+        yield name, (str(int((single != exact).sum())), str(int((half != exact).sum())))
 
     painter = built("instant_albedo", preset.instant_albedo, shipped)
     atlas = _atlas(views)
@@ -140,7 +141,7 @@ def built(name: str, config: Any, shipped: bool) -> nn.Module:
 
 def _part_errors(network: nn.Module, parts: dict[str, str], run: Callable[[], object]) -> Iterator[tuple[str, Cells]]:
     """Each part of `network`, if it has it, on what it read when the whole was run."""
-    read: dict[str, tuple] = {}
+    read: dict[str, tuple[Any, ...]] = {}
     modules = {part: network.get_submodule(name) for part, name in parts.items() if hasattr(network, name)}
     handles = [
         module.register_forward_pre_hook(lambda _, args, part=part: read.setdefault(part, args) and None)
@@ -156,7 +157,7 @@ def _part_errors(network: nn.Module, parts: dict[str, str], run: Callable[[], ob
         yield part, compared(lambda network, *args: network(*args), found, *read[part]) if found else NOTHING
 
 
-def _atlas(views: ViewSet) -> tuple:
+def _atlas(views: ViewSet) -> tuple[Tensor, TexelMap, TexelViews, Tensor]:
     """What InstantAlbedo takes: images, texels, what the views say of them, and their blend; on a small atlas."""
     mesh, _ = unwrap(decimate(pipeline.shape(views, Settings(grid=48)), 1500), UnwrapConfig(texture_size=256))
     texels = texel_map(mesh, 128)
@@ -180,22 +181,25 @@ def graphics_errors(views: ViewSet) -> Iterator[tuple[str, Cells]]:
     yield "rasteriser, positions at the pixels", compared(positions, None, mesh.vertices, camera.c2w, camera.K)
     edges = crossed_edges(lambda p: 50.0 * (0.7 - p.norm(dim=1)), IsosurfaceConfig(48, iso=0.0))
     ends = edges.a, edges.b, edges.density_a, edges.density_b
-    yield "iso-surface, vertices", compared(lambda _, *args: vertices_from_densities(*args, iso=0.0), None, *ends)
+    yield "iso-surface, vertices", compared(lambda _, a, b, x, y: vertices_from_densities(a, b, x, y, 0.0), None, *ends)
     random = torch.Generator().manual_seed(0)
     normal, light, view = torch.nn.functional.normalize(torch.randn(3, 4096, 3, generator=random), dim=-1)
     finish = torch.rand(4096, 5, generator=random).split((3, 1, 1), dim=1)
-    for form in ("standard", "printed", "cycles"):
-        inputs = normal, light, view, *finish
-        yield f"GGX BRDF, {form}", compared(lambda _, *args, form=form: evaluate(*args, form=form), None, *inputs)
+    inputs = normal, light, view, *finish
+    for form in get_args(Form):
+        errors = compared(lambda _, n, i, o, c, r, m, form=form: evaluate(n, i, o, c, r, m, form), None, *inputs)
+        yield f"GGX BRDF, {form}", errors
 
 
-def compared(function: Callable, network: nn.Module | None, *inputs: Any) -> Cells:
+def compared(function: Callable[..., Any], network: nn.Module | None, *inputs: Any) -> Cells:
     """Errors of what `in_three_precisions` gives."""
     single, half, exact = in_three_precisions(function, network, *inputs)
     return f"{_worst(single, exact):.1e}", f"{_worst(half, exact):.1e}"
 
 
-def in_three_precisions(function: Callable, network: nn.Module | None, *inputs: Any) -> tuple[list[Tensor], ...]:
+def in_three_precisions(
+    function: Callable[..., Any], network: nn.Module | None, *inputs: Any
+) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
     """What `function(network, *inputs)` gives in float32, under autocast to bfloat16, and in float64.
 
     Args:
@@ -228,7 +232,7 @@ def _doubled(value: Any) -> Any:
         return value.double() if value.is_floating_point() else value
     if isinstance(value, tuple | list):
         return type(value)(_doubled(item) for item in value)
-    if is_dataclass(value):
+    if is_dataclass(value) and not isinstance(value, type):
         return replace(value, **{field.name: _doubled(getattr(value, field.name)) for field in fields(value)})
     return value
 

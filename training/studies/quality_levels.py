@@ -3,6 +3,7 @@
 import argparse
 import csv
 from pathlib import Path
+from typing import Any
 
 from arm_blender.config import QUALITIES
 from arm_blender.errors import ArmError
@@ -23,7 +24,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def levels(sweep: Path) -> dict[str, dict]:
+def levels(sweep: Path) -> dict[str, dict[str, Any]]:
     """The fields of `MeasuredLevel` for every quality level, from the CSV of a sweep.
 
     Raises:

@@ -180,7 +180,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Render, compare, and write the table and the picture."""
-    library, rows, pictures = rasterized.read_library(args.data), [], []
+    library = rasterized.read_library(args.data)
+    rows: list[tuple[str, list[float]]] = []
+    pictures: list[tuple[str, Tensor]] = []
     generator = torch.Generator().manual_seed(args.seed)
     for number, (name, mesh) in enumerate(shapes(args.shards, args.objects, generator)):
         scene = scene_of(mesh, library, generator)
@@ -190,16 +192,16 @@ def run(args: argparse.Namespace) -> int:
         found, bare = ours(scene, cameras), ours(scene, cameras, shadows=False)
         for view in range(len(cameras)):
             row, shown = compared(truth[view], found[view], bare[view])
-            rows.append([f"{name}, {view}", *row])
+            rows.append((f"{name}, {view}", row))
             captions = (f"Cycles {name}"[:26], f"ours {row[0]:.1f} dB", "4 x difference")
             pictures += zip(captions, shown, strict=True)
     if not rows:
         raise ArmError(f"{args.shards}: no object could be unwrapped; render more with `python -m training render`")
-    means = [sum(row[k] for row in rows) / len(rows) for k in (1, 2, 3)]
+    means = [sum(numbers) / len(rows) for numbers in zip(*(row for _, row in rows), strict=True)]
     header = ["object, view", "ours, dB", "ours without shadows, dB", "brightness, ours over Cycles"]
     text = paragraphs(
         "# Rasterised views against Cycles",
-        markdown_table(header, [*rows, ["**mean**", *means]]),
+        markdown_table(header, [[title, *row] for title, row in [*rows, ("**mean**", means)]]),
         f"Made by `{args.command}`.",
     )
     write_text(args.output / "comparison.md", text)

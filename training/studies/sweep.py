@@ -13,12 +13,14 @@ import math
 from collections.abc import Iterator
 from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
+from typing import get_args
 
 import torch
 
 from arm_blender import pipeline
 from arm_blender.config import QUALITIES, Settings
 from arm_blender.errors import ArmError, EmptyMeshError
+from arm_blender.knobs import QualityName
 from arm_blender.quality_levels import STAGES
 
 from ..documents import markdown_table, paragraphs, write_text
@@ -109,7 +111,7 @@ def run(args: argparse.Namespace) -> int:
 def points(args: argparse.Namespace) -> Iterator[Point]:
     """The quality levels, every knob of `balanced` turned by itself, and `balanced` once more."""
     base = Settings(preset=args.preset, device=args.device, seed=args.seed)
-    for level in QUALITIES:
+    for level in get_args(QualityName):
         yield Point(level, replace(base, quality=level))
     for name, values in (("grid", args.grids), ("faces", args.faces), ("texture_size", args.textures)):
         yield from (Point(name.replace("_", " "), replace(base, **{name: value})) for value in values)

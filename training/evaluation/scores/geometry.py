@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from arm_blender.graphics.meshes import sample_surface
 from arm_blender.graphics.raster.rasterize import rasterize
-from arm_blender.structures import TriangleMesh
+from arm_blender.structures import TriangleMesh, UvMesh
 
 from ...rendering.occupancy import CARVING_DISTANCE, CARVING_SIZE, carving_cameras, depth_margin
 
@@ -45,7 +45,9 @@ MEASURES = {"f_coarse": "F@0.1", "f_fine": "F@0.02", "chamfer": "CD"}
 """The scores' names in tables."""
 
 
-def compare(predicted: TriangleMesh, truth: TriangleMesh, samples: int = SAMPLES, seed: int = 0) -> GeometryScores:
+def compare(
+    predicted: TriangleMesh | UvMesh, truth: TriangleMesh, samples: int = SAMPLES, seed: int = 0
+) -> GeometryScores:
     """Scores of `predicted` against `truth`, both in one frame.
 
     Args:
