@@ -45,14 +45,4 @@ class ARM_OT_draw_views(Run, bpy.types.Operator):
         return f"{made.name}: six views; look at them, then press Generate"
 
 
-classes = (ARM_OT_draw_views,)
-
-
-def register() -> None:
-    for cls in classes:
-        bpy.utils.register_class(cls)
-
-
-def unregister() -> None:
-    for cls in reversed(classes):
-        bpy.utils.unregister_class(cls)
+register, unregister = bpy.utils.register_classes_factory((ARM_OT_draw_views,))

@@ -268,14 +268,10 @@ def stop_all() -> None:
 
 classes = (ARM_OT_generate, ARM_OT_regenerate, ARM_OT_cancel)
 
-
-def register() -> None:
-    for cls in classes:
-        bpy.utils.register_class(cls)
+register, _unregister_classes = bpy.utils.register_classes_factory(classes)
 
 
 def unregister() -> None:
     """Stop a running job first: its thread must not outlive the code that it runs."""
     stop_all()
-    for cls in reversed(classes):
-        bpy.utils.unregister_class(cls)
+    _unregister_classes()

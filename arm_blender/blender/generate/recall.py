@@ -61,14 +61,4 @@ def _fill_list(context: bpy.types.Context, kept: AssetRecord) -> None:
     settings.views_of = request.cameras_key(context) if kept.views is None else request.path_key(str(kept.views))
 
 
-classes = (ARM_OT_recall,)
-
-
-def register() -> None:
-    for cls in classes:
-        bpy.utils.register_class(cls)
-
-
-def unregister() -> None:
-    for cls in reversed(classes):
-        bpy.utils.unregister_class(cls)
+register, unregister = bpy.utils.register_classes_factory((ARM_OT_recall,))

@@ -70,14 +70,10 @@ def _rig(distance: float, fovy_deg: float) -> "list[PlacedPicture]":
 
 classes = (ARM_OT_look, ARM_OT_add_cameras)
 
-
-def register() -> None:
-    for cls in classes:
-        bpy.utils.register_class(cls)
+register, _unregister_classes = bpy.utils.register_classes_factory(classes)
 
 
 def unregister() -> None:
     """Stop a look that is going on first: its thread must not outlive the code that it runs."""
     view_list.forget()
-    for cls in reversed(classes):
-        bpy.utils.unregister_class(cls)
+    _unregister_classes()

@@ -63,9 +63,4 @@ class ARM_preferences(bpy.types.AddonPreferences):
         draw_setup(self.layout, self)
 
 
-def register() -> None:
-    bpy.utils.register_class(ARM_preferences)
-
-
-def unregister() -> None:
-    bpy.utils.unregister_class(ARM_preferences)
+register, unregister = bpy.utils.register_classes_factory((ARM_preferences,))
