@@ -5,6 +5,14 @@ import textwrap
 import bpy
 
 
+class InSidebar:
+    """Where our panels are: the "ARM" tab of the 3D view's sidebar."""
+
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "ARM"
+
+
 def draw_notice(layout: bpy.types.UILayout, text: str, width: int, icon: str = "ERROR") -> None:
     """Show `text` in lines of at most `width` characters, an icon before the first.
 

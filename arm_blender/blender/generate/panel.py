@@ -6,7 +6,7 @@ from ...asset_record import AssetRecord
 from ...errors import ArmError
 from ...quality_levels import PRESET, measured_levels
 from ..input import request, view_list
-from ..layout import draw_notice
+from ..layout import InSidebar, draw_notice
 from ..setup import runtime
 from ..setup.stored import BASE_PACKAGE
 from .operators import is_running
@@ -15,13 +15,7 @@ _CHARACTER = 7.0
 """Pixels of a character of Blender's own font, about, at a scale of 1."""
 
 
-class _InSidebar:
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "ARM"
-
-
-class ARM_PT_generate(_InSidebar, bpy.types.Panel):
+class ARM_PT_generate(InSidebar, bpy.types.Panel):
     """Views in, relightable mesh out"""
 
     bl_label = "Relightable 3D"
@@ -71,7 +65,7 @@ class ARM_PT_generate(_InSidebar, bpy.types.Panel):
                 _draw_error(self.layout, context, state.error)
 
 
-class ARM_PT_advanced(_InSidebar, bpy.types.Panel):
+class ARM_PT_advanced(InSidebar, bpy.types.Panel):
     """What few need"""
 
     bl_label = "Advanced"
@@ -86,7 +80,7 @@ class ARM_PT_advanced(_InSidebar, bpy.types.Panel):
         options.prop(context.scene.arm, "own_weights")
 
 
-class ARM_PT_result(_InSidebar, bpy.types.Panel):
+class ARM_PT_result(InSidebar, bpy.types.Panel):
     """What the active result was made with, what it shows, and its appearance made anew"""
 
     bl_label = "Result"

@@ -2,17 +2,15 @@
 
 import bpy
 
+from ..layout import InSidebar
 from .callbacks import FROM_FILE
 from .operators import PICTURE
 
 
-class ARM_PT_relight(bpy.types.Panel):
+class ARM_PT_relight(InSidebar, bpy.types.Panel):
     """The active object under other lights"""
 
     bl_label = "Relight"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "ARM"
     bl_order = 10
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -42,13 +40,10 @@ class ARM_PT_relight(bpy.types.Panel):
             layout.template_icon(image.preview.icon_id, scale=8.0)
 
 
-class ARM_PT_relight_sequence(bpy.types.Panel):
+class ARM_PT_relight_sequence(InSidebar, bpy.types.Panel):
     """One full turn, as pictures and as a video"""
 
     bl_label = "Sequence"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "ARM"
     bl_parent_id = "ARM_PT_relight"
     bl_options = {"DEFAULT_CLOSED"}
 
@@ -65,13 +60,10 @@ class ARM_PT_relight_sequence(bpy.types.Panel):
         layout.operator("arm.relight", text="Render Sequence", icon="RENDER_ANIMATION").what = "SEQUENCE"
 
 
-class ARM_PT_export(bpy.types.Panel):
+class ARM_PT_export(InSidebar, bpy.types.Panel):
     """The active object for other programs"""
 
     bl_label = "Export"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "ARM"
     bl_order = 11
     bl_options = {"DEFAULT_CLOSED"}
 
