@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional as F
+
+from .vit import Attention, resampled_position
 
 CAMERA_VALUES = 16
 
@@ -48,22 +49,6 @@ def camera_embedding(c2w: Tensor, K: Tensor, size: int) -> Tensor:
     return torch.cat([extrinsics, intrinsics], dim=-1)
 
 
-class SelfAttention(nn.Module):
-    """Multi-head self-attention over (B, L, D)."""
-
-    def __init__(self, width: int, heads: int) -> None:
-        super().__init__()
-        self.heads = heads
-        self.qkv = nn.Linear(width, 3 * width)
-        self.proj = nn.Linear(width, width)
-
-    def forward(self, x: Tensor) -> Tensor:
-        batch, tokens, width = x.shape
-        q, k, v = self.qkv(x).reshape(batch, tokens, 3, self.heads, -1).permute(2, 0, 3, 1, 4)  # (B, heads, L, head)
-        x = F.scaled_dot_product_attention(q, k, v)
-        return self.proj(x.transpose(1, 2).reshape(batch, tokens, width))
-
-
 class ModulatedBlock(nn.Module):
     """A pre-norm transformer layer; the camera shifts and scales both of its norms. No gates (Instant3D)."""
 
@@ -71,7 +56,7 @@ class ModulatedBlock(nn.Module):
         super().__init__()
         # HF's ViT layers have eps 1e-12, unlike timm's 1e-6.
         self.norm1 = nn.LayerNorm(width, eps=1e-12)
-        self.attn = SelfAttention(width, heads)
+        self.attn = Attention(width, heads)
         self.norm2 = nn.LayerNorm(width, eps=1e-12)
         self.mlp = nn.Sequential(nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width))
         self.modulation = nn.Sequential(nn.SiLU(), nn.Linear(width, 4 * width))
@@ -108,16 +93,6 @@ class ImageEncoder(nn.Module):
         for name, values in (("mean", config.mean), ("std", config.std)):
             self.register_buffer(name, torch.tensor(values, device="cpu").view(1, 3, 1, 1), persistent=False)
 
-    def interpolated_position(self, rows: int, columns: int) -> Tensor:
-        """(1, 1 + rows * columns, D). DINO interpolates by scale factor with an offset of 0.1, not by size."""
-        grid = self.config.position_grid
-        if rows == grid and columns == grid:
-            return self.position
-        patches = self.position[:, 1:].reshape(1, grid, grid, -1).permute(0, 3, 1, 2)
-        factor = ((rows + 0.1) / grid, (columns + 0.1) / grid)
-        patches = F.interpolate(patches, scale_factor=factor, mode="bicubic", align_corners=False)
-        return torch.cat([self.position[:, :1], patches.permute(0, 2, 3, 1).flatten(1, 2)], dim=1)
-
     def forward(self, images: Tensor, cameras: Tensor) -> Tensor:
         """Tokens of views, each under its camera.
 
@@ -131,7 +106,7 @@ class ImageEncoder(nn.Module):
         rows, columns = x.shape[-2:]
         x = x.flatten(2).transpose(1, 2)
         x = torch.cat([self.cls_token.expand(x.shape[0], -1, -1), x], dim=1)
-        x = x + self.interpolated_position(rows, columns)
+        x = x + resampled_position(self.position, rows, columns)
         camera = self.camera_embedder(cameras)
         for block in self.blocks:
             x = block(x, camera)

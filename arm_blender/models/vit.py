@@ -3,6 +3,7 @@
 Keys are those of its published ViTs (`blocks.i.norm1`, `attn.qkv`, `mlp.fc1`, ...), so that theirs load unmapped.
 """
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -94,17 +95,6 @@ class VisionTransformer(nn.Module):
         nn.init.trunc_normal_(self.cls_token, std=0.02)
         nn.init.trunc_normal_(self.pos_embed, std=0.02)
 
-    def position_embedding(self, rows: int, columns: int) -> Tensor:
-        """(1, 1 + rows * columns, D) for a grid of that many tokens; the CLS token's own comes first."""
-        grid = self.config.grid
-        if (rows, columns) == (grid, grid):
-            return self.pos_embed
-        patches = self.pos_embed[:, 1:].unflatten(1, (grid, grid)).permute(0, 3, 1, 2)  # (1, D, grid, grid)
-        # DINO scales by (n + 0.1) / grid, not to a size: sampling positions differ, and published weights expect it.
-        scale = ((rows + 0.1) / grid, (columns + 0.1) / grid)
-        patches = functional.interpolate(patches, scale_factor=scale, mode="bicubic")
-        return torch.cat([self.pos_embed[:, :1], patches.flatten(2).transpose(1, 2)], dim=1)
-
     def embed(self, images: Tensor) -> Tensor:
         """(B, 1 + rows * columns, D) tokens before the first block.
 
@@ -119,7 +109,7 @@ class VisionTransformer(nn.Module):
             raise ValueError(f"image size must be a multiple of {patch}, got {height} x {width}")
         tokens = self.patch_embed(images).flatten(2).transpose(1, 2)
         tokens = torch.cat([self.cls_token.expand(len(tokens), -1, -1), tokens], dim=1)
-        return tokens + self.position_embedding(height // patch, width // patch)
+        return tokens + resampled_position(self.pos_embed, height // patch, width // patch)
 
     def forward(self, images: Tensor, taps: tuple[int, ...]) -> list[Tensor]:
         """Tokens (B, 1 + rows * columns, D), CLS first and unnormalised, after each of the blocks `taps`.
@@ -132,3 +122,15 @@ class VisionTransformer(nn.Module):
             tokens = block(tokens)
             outputs[index] = tokens
         return [outputs[tap] for tap in taps]
+
+
+def resampled_position(position: Tensor, rows: int, columns: int) -> Tensor:
+    """A position embedding (1, 1 + grid**2, D), CLS first, for a grid of other size: (1, 1 + rows * columns, D)."""
+    grid = math.isqrt(position.shape[1] - 1)
+    if (rows, columns) == (grid, grid):
+        return position
+    patches = position[:, 1:].unflatten(1, (grid, grid)).permute(0, 3, 1, 2)  # (1, D, grid, grid)
+    # DINO scales by (n + 0.1) / grid, not to a size: sampling positions differ, and published weights expect it.
+    scale = ((rows + 0.1) / grid, (columns + 0.1) / grid)
+    patches = functional.interpolate(patches, scale_factor=scale, mode="bicubic")
+    return torch.cat([position[:, :1], patches.flatten(2).transpose(1, 2)], dim=1)
