@@ -13,9 +13,9 @@ from ..structures import ViewSet
 from . import preprocess
 from .foreground import Heard, unheard
 from .image_io import pictures_in
-from .multiview import Folder, MultiviewProvider, PictureAlone, View, posed_views
+from .multiview import View, posed_views, view_alone, views_of_rig
 from .transforms_json import TRANSFORMS
-from .zero123plus.provider import Zero123Plus
+from .zero123plus.provider import drawn_views
 from .zero123plus.sampling import Zero123PlusConfig
 
 WEIGHTS = 1e-6, 1e6
@@ -139,19 +139,14 @@ def _read(path: Path, options: ViewOptions, progress: Progress, left_out: LeaveO
     if options.multiview != "none" and (path.is_dir() or path.suffix.lower() == ".json"):
         left_out(f"--multiview {options.multiview}", "it makes views of a single picture; here they are given")
     if path.is_dir():
-        return Folder(options.rig_distance, options.fovy_deg, heard).views(path, progress)
+        return views_of_rig(path, options.rig_distance, options.fovy_deg, progress, heard)
     if not path.exists():
         raise InputImageError(f"{path}: no such file or folder; give an image, or a folder of views")
     if path.suffix.lower() == ".json":
         return posed_views(path, progress, heard)
-    return _provider(options, heard).views(path, progress)
-
-
-def _provider(options: ViewOptions, heard: Heard) -> MultiviewProvider:
-    """What makes views of a single picture."""
     if options.multiview == "zero123plus" and options.zero123plus is not None:
-        return Zero123Plus(options.zero123plus, options.rig_distance, options.fovy_deg, heard)
-    return PictureAlone(options.elevation_deg, options.fovy_deg, heard)
+        return drawn_views(path, options.zero123plus, options.rig_distance, options.fovy_deg, progress, heard)
+    return view_alone(path, options.elevation_deg, options.fovy_deg, progress, heard)
 
 
 def _weighted(views: list[View], weights: tuple[float, ...], path: Path) -> list[View]:

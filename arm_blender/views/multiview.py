@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 from torch import Tensor
 
@@ -14,8 +13,6 @@ from .foreground import Heard, foreground, unheard
 from .image_io import pictures_in, read_image
 from .rigs import AZIMUTHS_DEG, front_camera, zero123plus_rig
 from .transforms_json import read_transforms
-
-"""What makes the views of a single picture."""
 
 
 @dataclass(frozen=True)
@@ -35,55 +32,42 @@ class View:
     weight: float = 1.0
 
 
-class MultiviewProvider(Protocol):
-    """Turns what is at a path into posed views."""
+def view_alone(
+    path: Path, elevation_deg: float | None, fovy_deg: float | None, progress: Progress, heard: Heard
+) -> list[View]:
+    """The one view of a picture that nothing else is made of, seen from the front; what is None is assumed.
 
-    def views(self, path: Path, progress: Progress) -> list[View]:
-        """At least one view.
-
-        Raises:
-            InputImageError: a picture does not do.
-        """
-
-
-class PictureAlone:
-    """`none`: the one picture, seen from the front."""
-
-    def __init__(self, elevation_deg: float | None, fovy_deg: float | None, heard: Heard = unheard) -> None:
-        self.elevation_deg = 10.0 if elevation_deg is None else elevation_deg
-        self.fovy_deg = 30.0 if fovy_deg is None else fovy_deg
-        self.heard = heard
-
-    def views(self, path: Path, progress: Progress) -> list[View]:
-        progress(0.0, f"reading {path.name}")
-        image, longest = preprocess.crop_single(foreground(read_image(path), path, self.heard), path)
-        return [View(path, image, front_camera(longest, image.shape[1], self.elevation_deg, self.fovy_deg))]
+    Raises:
+        InputImageError: the picture does not do.
+    """
+    progress(0.0, f"reading {path.name}")
+    image, longest = preprocess.crop_single(foreground(read_image(path), path, heard), path)
+    elevation_deg = 10.0 if elevation_deg is None else elevation_deg
+    fovy_deg = 30.0 if fovy_deg is None else fovy_deg
+    return [View(path, image, front_camera(longest, image.shape[1], elevation_deg, fovy_deg))]
 
 
-class Folder:
-    """`folder`: six square pictures, by name in the order of the Zero123++ v1.2 rig."""
+def views_of_rig(folder: Path, distance: float, fovy_deg: float | None, progress: Progress, heard: Heard) -> list[View]:
+    """The views of six square pictures, by name in the order of the Zero123++ v1.2 rig.
 
-    def __init__(self, distance: float, fovy_deg: float | None, heard: Heard = unheard) -> None:
-        self.distance = distance
-        self.fovy_deg = 30.0 if fovy_deg is None else fovy_deg
-        self.heard = heard
-
-    def views(self, path: Path, progress: Progress) -> list[View]:
-        pictures = pictures_in(path)
-        if len(pictures) != len(AZIMUTHS_DEG):
-            raise InputImageError(
-                f"{path}: no transforms.json and {len(pictures)} images; add the cameras, or give exactly "
-                f"{len(AZIMUTHS_DEG)} images in the rig's order, or one image"
-            )
-        images = []
-        for index, picture in enumerate(pictures):
-            progress(index / len(pictures), f"reading {picture.name}")
-            images.append(preprocess.limit_size(foreground(read_image(picture), picture, self.heard), picture))
-        height, width = images[0].shape[1:]
-        if height != width:
-            raise InputImageError(f"{pictures[0]}: {width}x{height} pixels; the rig's views are square, crop them so")
-        cameras = zero123plus_rig(self.distance, self.fovy_deg, width)
-        return [View(*view) for view in zip(pictures, images, cameras, strict=True)]
+    Raises:
+        InputImageError: there are more or fewer, or one does not do.
+    """
+    pictures = pictures_in(folder)
+    if len(pictures) != len(AZIMUTHS_DEG):
+        raise InputImageError(
+            f"{folder}: no transforms.json and {len(pictures)} images; add the cameras, or give exactly "
+            f"{len(AZIMUTHS_DEG)} images in the rig's order, or one image"
+        )
+    images = []
+    for index, picture in enumerate(pictures):
+        progress(index / len(pictures), f"reading {picture.name}")
+        images.append(preprocess.limit_size(foreground(read_image(picture), picture, heard), picture))
+    height, width = images[0].shape[1:]
+    if height != width:
+        raise InputImageError(f"{pictures[0]}: {width}x{height} pixels; the rig's views are square, crop them so")
+    cameras = zero123plus_rig(distance, 30.0 if fovy_deg is None else fovy_deg, width)
+    return [View(*view) for view in zip(pictures, images, cameras, strict=True)]
 
 
 def posed_views(transforms: Path, progress: Progress, heard: Heard = unheard) -> list[View]:

@@ -4,8 +4,6 @@ import math
 
 from ..graphics.cameras import Camera, orbit_camera
 
-"""The one rig of six views so far."""
-
 AZIMUTHS_DEG = (30.0, 90.0, 150.0, 210.0, 270.0, 330.0)
 ELEVATIONS_DEG = (20.0, -10.0, 20.0, -10.0, 20.0, -10.0)
 

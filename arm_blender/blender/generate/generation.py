@@ -77,16 +77,16 @@ def draw_views(
     Returns:
         `folder`, which is a folder of views with cameras now.
     Raises:
-        ArmError: as `Zero123Plus.views`; the folder is as it was.
+        ArmError: as `drawn_views`; the folder is as it was.
     """
     progress(0.0, "starting")
-    from ...views.zero123plus.provider import Zero123Plus
+    from ...views.zero123plus.provider import drawn_views
     from ...views.zero123plus.sampling import Zero123PlusConfig
 
     drawing = Zero123PlusConfig(
         model, folder, steps=steps, seed=request.seed, device=_device(request), threads=request.threads
     )
-    Zero123Plus(drawing, request.rig_distance, request.fovy_deg).views(picture, progress)
+    drawn_views(picture, drawing, request.rig_distance, request.fovy_deg, progress)
     return folder
 
 

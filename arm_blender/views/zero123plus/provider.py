@@ -16,49 +16,46 @@ from .view_folder import check_folder, read_seeds, write_views
 from .view_noise import ViewNoise
 
 
-class Zero123Plus:
-    """Views by the diffusion model Zero123++. Its networks are in memory while it draws, and no longer."""
+def drawn_views(
+    path: Path,
+    config: Zero123PlusConfig,
+    distance: float,
+    fovy_deg: float | None,
+    progress: Progress,
+    heard: Heard = unheard,
+) -> list[View]:
+    """The six views that Zero123++ draws of the picture at `path`, as `config.folder` holds them afterwards.
 
-    def __init__(
-        self, config: Zero123PlusConfig, distance: float, fovy_deg: float | None, heard: Heard = unheard
-    ) -> None:
-        self.config = config
-        self.distance = distance
-        self.fovy_deg = 30.0 if fovy_deg is None else fovy_deg
-        self.heard = heard
+    Its networks are in memory while it draws, and no longer.
 
-    def views(self, path: Path, progress: Progress) -> list[View]:
-        """The six views of the picture at `path`, as `config.folder` holds them afterwards.
+    Raises:
+        ArmError: the optional extra is not installed.
+        CheckpointError: weights are missing, damaged, or of another model.
+        InputImageError: the picture does not do, or a view's background is not plain: it is in the folder.
+        OutputError: the folder cannot be written.
+        Cancelled: by `progress`; the folder is as it was.
+    """
+    check_folder(config.folder)
+    check_model(config.model)
+    seeds = _seeds(config)
+    progress(0.0, f"reading {path.name}")
+    picture, _ = preprocess.crop_single(foreground(read_image(path), path, heard), path)
+    progress(0.0, "Zero123++: reading the weights")
+    networks = load_networks(config.model, config.device)
+    with cpu_threads(config.threads):
+        images = six_views(networks, picture, config, ViewNoise(seeds), part(progress, 0.0, 0.95))
+    del networks  # Gigabytes, which the reconstruction has better use for.
+    wanted = config.reseed or range(len(seeds))
+    cameras = zero123plus_rig(distance, 30.0 if fovy_deg is None else fovy_deg, config.side)
+    origin = {"steps": config.steps, "guidance": config.guidance, "background": config.background}
+    progress(0.95, f"writing {config.folder.name}")
+    write_views(config.folder, {index: images[index] for index in wanted}, cameras, seeds, **origin)
+    return posed_views(config.folder / TRANSFORMS, part(progress, 0.95, 1.0), heard)
 
-        Raises:
-            ArmError: the optional extra is not installed.
-            CheckpointError: weights are missing, damaged, or of another model.
-            InputImageError: the picture does not do, or a view's background is not plain: it is in the folder.
-            OutputError: the folder cannot be written.
-            Cancelled: by `progress`; the folder is as it was.
-        """
-        config = self.config
-        check_folder(config.folder)
-        check_model(config.model)
-        seeds = self._seeds()
-        progress(0.0, f"reading {path.name}")
-        picture, _ = preprocess.crop_single(foreground(read_image(path), path, self.heard), path)
-        progress(0.0, "Zero123++: reading the weights")
-        networks = load_networks(config.model, config.device)
-        with cpu_threads(config.threads):
-            images = six_views(networks, picture, config, ViewNoise(seeds), part(progress, 0.0, 0.95))
-        del networks  # Gigabytes, which the reconstruction has better use for.
-        wanted = config.reseed or range(len(seeds))
-        cameras = zero123plus_rig(self.distance, self.fovy_deg, config.side)
-        origin = {"steps": config.steps, "guidance": config.guidance, "background": config.background}
-        progress(0.95, f"writing {config.folder.name}")
-        write_views(config.folder, {index: images[index] for index in wanted}, cameras, seeds, **origin)
-        return posed_views(config.folder / TRANSFORMS, part(progress, 0.95, 1.0), self.heard)
 
-    def _seeds(self) -> tuple[int, ...]:
-        """The seed of each view: the run's own, or for those that are kept the one that they were drawn with."""
-        config = self.config
-        if not config.reseed:
-            return (config.seed,) * len(AZIMUTHS_DEG)
-        kept = read_seeds(config.folder)
-        return tuple(config.seed if index in config.reseed else seed for index, seed in enumerate(kept))
+def _seeds(config: Zero123PlusConfig) -> tuple[int, ...]:
+    """The seed of each view: the run's own, or for those that are kept the one that they were drawn with."""
+    if not config.reseed:
+        return (config.seed,) * len(AZIMUTHS_DEG)
+    kept = read_seeds(config.folder)
+    return tuple(config.seed if index in config.reseed else seed for index, seed in enumerate(kept))

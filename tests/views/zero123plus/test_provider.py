@@ -12,7 +12,7 @@ from arm_blender.views import ViewOptions, load_views
 from arm_blender.views.image_io import read_image, write_png
 from arm_blender.views.rigs import zero123plus_rig
 from arm_blender.views.zero123plus import provider
-from arm_blender.views.zero123plus.provider import Zero123Plus
+from arm_blender.views.zero123plus.provider import drawn_views
 from arm_blender.views.zero123plus.sampling import Zero123PlusConfig
 from arm_blender.views.zero123plus.view_folder import read_seeds
 
@@ -92,7 +92,7 @@ def test_a_stop_leaves_no_folder_and_no_half_a_view(cup, config):
             raise Cancelled("stopped by the user")
 
     with pytest.raises(Cancelled):
-        Zero123Plus(config, 4.0, None).views(cup, progress)
+        drawn_views(cup, config, 4.0, None, progress)
     assert not config.folder.parent.exists()
 
 
@@ -101,7 +101,7 @@ def test_threads_are_the_runs_own_and_the_callers_come_back(cup, config, monkeyp
     inside = []
     monkeypatch.setattr(provider, "six_views", lambda *_: inside.append(torch.get_num_threads()) or 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        Zero123Plus(replace(config, threads=3), 4.0, None).views(cup, silent)
+        drawn_views(cup, replace(config, threads=3), 4.0, None, silent)
     assert inside == [3] and torch.get_num_threads() == threads
 
 
