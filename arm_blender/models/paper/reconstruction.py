@@ -6,6 +6,7 @@ from typing import Literal
 from torch import Tensor, nn
 
 from ...graphics.cameras import front_on_x
+from ..encoded import Encoded
 from ..image_encoder import ImageEncoder, ImageEncoderConfig, camera_embedding
 from ..network_views import NetworkViews
 from ..transformer import TransformerConfig, TriplaneTransformer
@@ -43,19 +44,10 @@ and deviation of its images are those that DINO was trained with; InstantMesh re
 
 
 @dataclass(frozen=True)
-class EncodedPlanes:
+class EncodedPlanes(Encoded):
     """What points are decoded from: planes (B, 3, C, R, R)."""
 
     planes: Tensor
-
-    @property
-    def is_finite(self) -> bool:
-        """Whether all of it are numbers."""
-        return bool(self.planes.isfinite().all())
-
-    def float(self) -> "EncodedPlanes":
-        """The same in float32: what an encoding under autocast is decoded from."""
-        return EncodedPlanes(self.planes.float())
 
 
 class ReconstructionModel(nn.Module):

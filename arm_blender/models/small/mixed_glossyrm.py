@@ -4,7 +4,7 @@ Triplane transformer, feature pyramid, feature volume and pixel-aligned look-up 
 is nearly a constant (docs/training-log.md): the network is as it was trained, and nothing trains it further.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor, nn
@@ -12,6 +12,7 @@ from torch.nn import functional as F
 
 from ...graphics.visual_hull import Outlines
 from ...graphics.voxels import cell_centers, sample_volume
+from ..encoded import Encoded
 from ..image_encoder import ImageEncoder, ImageEncoderConfig, camera_embedding
 from ..network_views import NetworkViews
 from ..transformer import TransformerConfig, TriplaneTransformer
@@ -56,7 +57,7 @@ class MixedGlossyRMConfig:
 
 
 @dataclass(frozen=True)
-class EncodedMixture:
+class EncodedMixture(Encoded):
     """What points are decoded from.
 
     Attributes:
@@ -70,15 +71,6 @@ class EncodedMixture:
     outlines: Outlines
     maps: Tensor
     volume: Tensor
-
-    @property
-    def is_finite(self) -> bool:
-        """Whether all of it are numbers."""
-        return all(bool(x.isfinite().all()) for x in (self.planes, self.maps, self.volume))
-
-    def float(self) -> "EncodedMixture":
-        """The same in float32: what an encoding under autocast is decoded from."""
-        return replace(self, planes=self.planes.float(), maps=self.maps.float(), volume=self.volume.float())
 
 
 class PooledVolume(VolumeUnet):

@@ -19,6 +19,7 @@ from ...graphics.cameras import look_at
 from ...graphics.silhouette_fill import filled
 from ...graphics.visual_hull import NEAREST, VOTE_OUTSIDE, Outlines
 from ...progress import Progress, silent
+from ..encoded import Encoded
 from ..network_views import NetworkViews
 from ..unet import Unet, UnetConfig
 
@@ -101,7 +102,7 @@ class Frustum:
 
 
 @dataclass(frozen=True)
-class EncodedRays:
+class EncodedRays(Encoded):
     """What points are decoded from, of B objects in V views.
 
     Attributes:
@@ -115,15 +116,6 @@ class EncodedRays:
     layers: Tensor
     frusta: Frustum
     outlines: Outlines
-
-    @property
-    def is_finite(self) -> bool:
-        """Whether all of it are numbers."""
-        return bool(self.logits.isfinite().all())
-
-    def float(self) -> "EncodedRays":
-        """The same in float32."""
-        return EncodedRays(self.logits.float(), self.layers.float(), self.frusta, self.outlines)
 
 
 class RayOccupancy(nn.Module):

@@ -6,7 +6,7 @@ visual hull is where learning starts. At last the silhouettes are filled (graphi
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor, nn
@@ -15,6 +15,7 @@ from ...graphics.silhouette_fill import filled
 from ...graphics.visual_hull import Outlines, hull_vote
 from ...graphics.voxels import sample_volume
 from ...progress import Progress, silent
+from ..encoded import Encoded
 from ..network_views import NetworkViews
 from ..triplane import DecoderConfig, decoder
 from .detail_volume import DetailVolume
@@ -48,7 +49,7 @@ class VolumeGeoRMConfig:
 
 
 @dataclass(frozen=True)
-class EncodedVolumes:
+class EncodedVolumes(Encoded):
     """What points are decoded from.
 
     Attributes:
@@ -63,12 +64,7 @@ class EncodedVolumes:
 
     @property
     def is_finite(self) -> bool:
-        """Whether all of it are numbers."""
-        return all(bool(x.isfinite().all()) for x in (self.views.depth, self.volume, self.detail))
-
-    def float(self) -> "EncodedVolumes":
-        """The same in float32: what an encoding under autocast is decoded from."""
-        return replace(self, volume=self.volume.float(), detail=self.detail.float())
+        return super().is_finite and bool(self.views.depth.isfinite().all())
 
 
 class VolumeGeoRM(nn.Module):
