@@ -52,7 +52,21 @@ class Weights:
 _SHIPPED = "install the project again, or train it: python -m training fit --help"
 _OWN = "this preset ships without weights: train it (python -m training fit --help), or choose --preset small"
 _BRING = "python -m arm_blender weights download {}, or bring {}: python -m arm_blender weights import FILE --as {}"
-_DINO = "https://dl.fbaipublicfiles.com/dino"
+
+
+def _dino(encoder: str, network: str, patch: int) -> Weights:
+    """DINO's ViT-B of that patch, with which the training of a network's encoder begins."""
+    name, file = f"paper.{encoder}_encoder", f"dino_vitbase{patch}_pretrain"
+    url = f"https://dl.fbaipublicfiles.com/dino/{file}/{file}.pth"
+    return Weights(
+        name,
+        f"what training {network} at the paper's size begins with",
+        "Apache-2.0",
+        _BRING.format(name, f"DINO's ViT-B/{patch}", f"{encoder}-encoder"),
+        kind=f"{encoder}-encoder",
+        files=(PublishedFile(f"{file}.pth", url, "343 MB"),),
+    )
+
 
 REGISTRY = (
     Weights("small.georm", "geometry from views on a CPU", "GPL-3.0-or-later", _SHIPPED),
@@ -79,30 +93,8 @@ REGISTRY = (
         ),
         variants=("instant_nerf_base.ckpt", "instant_mesh_large.ckpt", "instant_mesh_base.ckpt"),
     ),
-    Weights(
-        "paper.image_encoder",
-        "what training GeoRM at the paper's size begins with",
-        "Apache-2.0",
-        _BRING.format("paper.image_encoder", "DINO's ViT-B/16", "image-encoder"),
-        kind="image-encoder",
-        files=(
-            PublishedFile(
-                "dino_vitbase16_pretrain.pth", f"{_DINO}/dino_vitbase16_pretrain/dino_vitbase16_pretrain.pth", "343 MB"
-            ),
-        ),
-    ),
-    Weights(
-        "paper.material_encoder",
-        "what training InstantAlbedo at the paper's size begins with",
-        "Apache-2.0",
-        _BRING.format("paper.material_encoder", "DINO's ViT-B/8", "material-encoder"),
-        kind="material-encoder",
-        files=(
-            PublishedFile(
-                "dino_vitbase8_pretrain.pth", f"{_DINO}/dino_vitbase8_pretrain/dino_vitbase8_pretrain.pth", "343 MB"
-            ),
-        ),
-    ),
+    _dino("image", "GeoRM", 16),
+    _dino("material", "InstantAlbedo", 8),
     Weights(
         "lpips.vgg",
         "the perceptual term of training: --lpips FILE",

@@ -1,9 +1,8 @@
 """The buttons of the preferences: install libraries, bring weights. Thin wrappers: the work is done elsewhere."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import bpy
 from bpy.props import EnumProperty, StringProperty
@@ -13,6 +12,9 @@ from ...machine import library_install
 from ...progress import Progress
 from . import background, runtime
 from .stored import preferences, user_folder
+
+if TYPE_CHECKING:  # It brings what downloads need.
+    from ...weight_files.registry import Weights
 
 OFFLINE = "Blender is offline; allow online access in Preferences > System > Network"
 NO_LIST = "There is no list of wheels for this platform and Python; name a folder that holds the libraries instead"
@@ -28,18 +30,12 @@ EXTRAS = EnumProperty(
 )
 
 
-@dataclass(frozen=True)
-class WeightsRow:
-    """One line of the list of weights, as strings for the user."""
+class WeightsRow(NamedTuple):
+    """One line of the list of weights: an entry of the registry, and how it lies where."""
 
-    name: str
+    entry: "Weights"
     condition: str
-    licence: str
-    enables: str
-    path: str
-    remedy: str
-    download: str
-    """How large it is and whether that takes an account; empty where it cannot be downloaded."""
+    path: Path
 
 
 _weights: tuple[WeightsRow, ...] | None = None
@@ -203,9 +199,9 @@ class ARM_OT_download_weights(_WhileOnline, bpy.types.Operator):
         return context.window_manager.invoke_props_dialog(self, width=420)
 
     def draw(self, context: bpy.types.Context) -> None:
-        for row in (row for row in weights() or () if row.name == self.name):
-            self.layout.label(text=f"{row.name}: {row.download}")
-            self.layout.label(text=f"Licence: {row.licence}. By downloading you accept it.", icon="INFO")
+        for entry in (row.entry for row in weights() or () if row.entry.name == self.name):
+            self.layout.label(text=f"{entry.name}: {entry.download}")
+            self.layout.label(text=f"Licence: {entry.licence}. By downloading you accept it.", icon="INFO")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         if not self._prepared():
@@ -242,9 +238,7 @@ def _read_weights(progress: Progress) -> tuple[WeightsRow, ...]:
     rows = []
     for index, entry in enumerate(REGISTRY):
         progress(index / len(REGISTRY), f"Checking {entry.name}")
-        path, condition = str(checkpoints.shipped(entry.name)), checkpoints.condition(entry.name)
-        row = (entry.name, condition, entry.licence, entry.enables, path, entry.remedy, entry.download)
-        rows.append(WeightsRow(*row))
+        rows.append(WeightsRow(entry, checkpoints.condition(entry.name), checkpoints.shipped(entry.name)))
     return tuple(rows)
 
 

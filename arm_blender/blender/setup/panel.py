@@ -76,12 +76,12 @@ def _draw_weights(box: bpy.types.UILayout) -> None:
     row = box.row(align=True)
     row.operator("arm.list_weights", icon="FILE_REFRESH")
     row.operator("arm.import_weights", icon="FILE_FOLDER")
-    for entry in weights() or ():
+    for entry, condition, path in weights() or ():
         line = box.column(align=True)
-        line.label(text=f"{entry.name}: {entry.condition}; {entry.licence}", icon=_ICONS[entry.condition])
+        line.label(text=f"{entry.name}: {condition}; {entry.licence}", icon=_ICONS[condition])
         line.label(text=entry.enables, icon="BLANK1")
-        draw_notice(line, entry.path if entry.condition == "whole" else entry.remedy, _LINE, icon="BLANK1")
-        if entry.download and entry.condition != "whole":
+        draw_notice(line, str(path) if condition == "whole" else entry.remedy, _LINE, icon="BLANK1")
+        if entry.download and condition != "whole":
             line.operator("arm.download_weights", text=f"Download ({entry.download})", icon="IMPORT").name = entry.name
 
 

@@ -207,12 +207,12 @@ def test_without_a_list_for_the_platform_a_folder_is_the_remedy(chosen, online, 
 def test_the_list_shows_all_weights_with_licence_and_condition(chosen):
     assert setup_operators.weights() is None
     assert bpy.ops.arm.list_weights() == {"FINISHED"}
-    rows = {row.name: row for row in setup_operators.weights()}
+    rows = {row.entry.name: row for row in setup_operators.weights()}
     assert set(rows) == {entry.name for entry in checkpoints.REGISTRY}
     assert rows["small.georm"].condition == "whole" and rows["instantmesh.georm"].condition == "not installed"
     shown = drawn(chosen).texts
     assert "instantmesh.georm: not installed; CC-BY-NC-4.0" in shown
-    assert rows["instantmesh.georm"].remedy in shown and rows["small.georm"].path in shown.replace(" ", "")
+    assert rows["instantmesh.georm"].entry.remedy in shown and str(rows["small.georm"].path) in shown.replace(" ", "")
 
 
 def test_a_file_that_cannot_be_imported_is_named(chosen, tmp_path):
@@ -231,7 +231,7 @@ def test_weights_come_at_the_press_of_a_button(chosen, online, monkeypatch):
     monkeypatch.setattr(weights_install, "download", lambda name, progress: asked.append(name))
     bpy.ops.arm.list_weights()
     rows = setup_operators.weights()
-    assert drawn(chosen).operators.count("arm.download_weights") == sum(bool(row.download) for row in rows) > 2
+    assert drawn(chosen).operators.count("arm.download_weights") == sum(bool(row.entry.download) for row in rows) > 2
     assert bpy.ops.arm.download_weights(name="matting") == {"FINISHED"}
     assert asked == ["matting"]
 
