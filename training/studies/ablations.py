@@ -7,7 +7,6 @@ the network with all its parts, from the same samples in the same order. A run t
 import argparse
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from arm_blender.config import Settings
@@ -16,7 +15,7 @@ from arm_blender.machine.files import check_output
 from ..datasets import atlases
 from ..documents import fill_block, markdown_table, paragraphs, write_text
 from ..evaluation.evaluate import render_truth
-from ..evaluation.tables.bars import Reader, map_score, mean
+from ..evaluation.tables.bars import map_score, mean
 from ..evaluation.tables.output import write_tables
 from ..evaluation.tables.report_text import without_empty
 from ..evaluation.tables.resume import kept_results
@@ -41,56 +40,25 @@ VIEWS, ALBEDO_RATE = 4, 1e-3
 """Truth views in a step of InstantAlbedo, and its learning rate: for runs this short."""
 
 
-@dataclass(frozen=True)
-class Study:
-    """One network and what is left out of it.
+NETWORK = "instant_albedo"
+"""As of `Settings.weights`."""
 
-    Attributes:
-        network: as of `Settings.weights`.
-        title: in the table.
-        rows: title in the table by the name of the ablation; `WHOLE` is the first.
-        validated: the stage's own number on held-out objects, in its validations.
-        baseline: the same without a network.
-        bare: the evaluation's system without this network.
-        readers: scores by their title in the table.
-        digits: of those.
-    """
+ROWS = {
+    WHOLE: "nothing left out",
+    "no-measurements": "no measurements",
+    "no-material-encoder": "no material encoder",
+    "local-unet": "a local U-Net for FFC-Net",
+    "no-super-resolution": "no super-resolution",
+}
+"""Titles in the table by the name of the ablation."""
 
-    network: str
-    title: str
-    rows: dict[str, str]
-    validated: str
-    baseline: str
-    bare: str
-    readers: dict[str, Reader]
-    digits: int
-
-    def system(self, ablation: str) -> str:
-        """Name of a row's system in `results.json`."""
-        return f"{self.network}, {ablation}"
-
-
-ALBEDO = Study(
-    "instant_albedo",
-    "InstantAlbedo",
-    {
-        WHOLE: "nothing left out",
-        "no-measurements": "no measurements",
-        "no-material-encoder": "no material encoder",
-        "local-unet": "a local U-Net for FFC-Net",
-        "no-super-resolution": "no super-resolution",
-    },
-    validated="albedo",
-    baseline="blend as albedo",
-    bare=BLEND,
-    readers={
-        "albedo": map_score("albedo", "psnr_in"),
-        "albedo, scaled": map_score("albedo scaled", "psnr_in"),
-        "roughness": map_score("roughness", "psnr_in"),
-        "metallic": map_score("metallic", "psnr_in"),
-    },
-    digits=2,
-)
+READERS = {
+    "albedo": map_score("albedo", "psnr_in"),
+    "albedo, scaled": map_score("albedo scaled", "psnr_in"),
+    "roughness": map_score("roughness", "psnr_in"),
+    "metallic": map_score("metallic", "psnr_in"),
+}
+"""Scores by their title in the table, dB."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -116,35 +84,38 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Fit what is not fitted yet, measure, and write the table."""
     check_output(args.output)
-    fits = fitted(ALBEDO, args.steps, args)
-    others = {ALBEDO.system(ablation): settings for ablation, settings in fits.items()}
+    fits = fitted(args)
+    others = {system(ablation): settings for ablation, settings in fits.items()}
     trial = Trial(Settings(preset="small"), PROTOCOL, align=False, cycles=False, one_view=False, others=others)
-    results = measured(trial, args.output / f"evaluation-{ALBEDO.network}", args)
-    text = paragraphs(
-        setting_text(ALBEDO, args.steps, results, args), table(ALBEDO, fits, results), f"Made by `{args.command}`."
-    )
-    write_text(args.output / f"{ALBEDO.network}.md", text)
+    results = measured(trial, args.output / f"evaluation-{NETWORK}", args)
+    text = paragraphs(setting_text(results, args), table(fits, results), f"Made by `{args.command}`.")
+    write_text(args.output / f"{NETWORK}.md", text)
     if args.update_document is not None:
-        fill_block(args.update_document, ALBEDO.network, text)
+        fill_block(args.update_document, NETWORK, text)
     print(text)
     return 0
 
 
-def fitted(study: Study, steps: int, args: argparse.Namespace) -> dict[str, Settings]:
+def system(ablation: str) -> str:
+    """Name of a row's system in `results.json`."""
+    return f"{NETWORK}, {ablation}"
+
+
+def fitted(args: argparse.Namespace) -> dict[str, Settings]:
     """Settings with the weights of each row by the name of the ablation; those that are missing are fitted.
 
     Raises:
         ArmError: there is nothing to fit from.
     """
     # Another budget is another run.
-    folder = args.output / f"{study.network}-{steps}-steps"
-    found = {ablation: Settings(preset="small", weights_folder=folder / ablation) for ablation in study.rows}
-    missing = {ablation: settings for ablation, settings in found.items() if not settings.brings(study.network)}
+    folder = args.output / f"{NETWORK}-{args.steps}-steps"
+    found = {ablation: Settings(preset="small", weights_folder=folder / ablation) for ablation in ROWS}
+    missing = {ablation: settings for ablation, settings in found.items() if not settings.brings(NETWORK)}
     if missing:
         atlases.prepare(args.shards, args.cache)
-    config = TrainerConfig(steps=steps, learning_rate=ALBEDO_RATE, weight_decay=0.0)
+    config = TrainerConfig(steps=args.steps, learning_rate=ALBEDO_RATE, weight_decay=0.0)
     for ablation, settings in missing.items():
-        weights = settings.weights_folder / settings.weights(study.network).name
+        weights = settings.weights_folder / settings.weights(NETWORK).name
         ablated_albedo.fit(ablation, args.cache, weights, config, VIEWS)
     return found
 
@@ -166,8 +137,8 @@ def measured(trial: Trial, folder: Path, args: argparse.Namespace) -> list[Objec
     return results
 
 
-def table(study: Study, fits: dict[str, Settings], results: Sequence[ObjectResult]) -> str:
-    """Markdown: a row per network of a study, as shipped, and without any, with the means over all objects.
+def table(fits: dict[str, Settings], results: Sequence[ObjectResult]) -> str:
+    """Markdown: a row per network, as shipped, and without any, with the means over all objects.
 
     The first column is what the fit's own validation said of held-out objects, the last counts on how many of the
     measured objects the first of the other scores is better than by the network with all its parts.
@@ -175,31 +146,29 @@ def table(study: Study, fits: dict[str, Settings], results: Sequence[ObjectResul
     Args:
         fits: settings with the weights of each row by the name of the ablation.
     """
-    outputs = {name: row.weights(study.network) for name, row in fits.items()}
+    outputs = {name: settings.weights(NETWORK) for name, settings in fits.items()}
     systems = [
-        (study.bare, "*no network*", last_scalar(outputs[WHOLE], "validation", study.baseline)),
+        (BLEND, "*no network*", last_scalar(outputs[WHOLE], "validation", "blend as albedo")),
         (OURS, "*as shipped, from a longer training*", None),
+        *((system(name), row, last_scalar(outputs[name], "validation", "albedo")) for name, row in ROWS.items()),
     ]
-    for name, row in study.rows.items():
-        systems.append((study.system(name), row, last_scalar(outputs[name], "validation", study.validated)))
-    (title, first), *_ = study.readers.items()
-    whole = study.system(WHOLE)
-    rows = []
-    for system, row, held_out in systems:
-        numbers = [held_out, *(mean(results, (), system, read) for read in study.readers.values())]
-        pairs = [(first(result.systems[system]), first(result.systems[whole])) for result in results]
-        better = "-" if system == whole or not pairs else f"{sum(a > b for a, b in pairs)} of {len(pairs)}"
-        rows.append([row, *("-" if x is None else f"{x:.{study.digits}f}" for x in numbers), better])
-    header = [study.title, f"held out: {study.validated}", *study.readers, f"better {title} than with all parts"]
+    (title, first), *_ = READERS.items()
+    whole, rows = system(WHOLE), []
+    for name, row, held_out in systems:
+        numbers = [held_out, *(mean(results, (), name, read) for read in READERS.values())]
+        pairs = [(first(result.systems[name]), first(result.systems[whole])) for result in results]
+        better = "-" if name == whole or not pairs else f"{sum(a > b for a, b in pairs)} of {len(pairs)}"
+        rows.append([row, *("-" if x is None else f"{x:.2f}" for x in numbers), better])
+    header = ["InstantAlbedo", "held out: albedo", *READERS, f"better {title} than with all parts"]
     return markdown_table(*without_empty(header, rows))
 
 
-def setting_text(study: Study, steps: int, results: Sequence[ObjectResult], args: argparse.Namespace) -> str:
+def setting_text(results: Sequence[ObjectResult], args: argparse.Namespace) -> str:
     """What was fitted on what, and measured on what."""
     samples = atlases.files(args.cache)
     objects, held_out = len({instant_albedo.owner(path) for path in samples}), "one in twenty"
-    text = f"{steps} steps of one atlas and {VIEWS} views each, learning rate {ALBEDO_RATE:g}; {len(samples)} samples"
-    text = f"{study.title}: {text} of {objects} objects, of which {held_out} only validates."
+    text = f"InstantAlbedo: {args.steps} steps of one atlas and {VIEWS} views each, learning rate {ALBEDO_RATE:g}; "
+    text += f"{len(samples)} samples of {objects} objects, of which {held_out} only validates."
     if not results:
         return f"{text} Nothing else was measured."
     views = f"{PROTOCOL.views} views of {PROTOCOL.resolution}²"

@@ -14,7 +14,7 @@ from training.evaluation.truth.protocol import Protocol
 from training.run_record import RunRecord
 from training.studies import ablated_albedo, ablations
 from training.studies.ablated_albedo import ABLATIONS
-from training.studies.ablations import ALBEDO, WHOLE
+from training.studies.ablations import ROWS, WHOLE, system
 
 
 @pytest.fixture
@@ -62,13 +62,13 @@ def command(ball_data, ball_asset, fits, monkeypatch):
 
 def test_all_are_fitted_alike_once(command, fits, ball_data, capsys):
     assert main(command) == 0
-    assert [getattr(start.config, "ablation", WHOLE) for start, *_ in fits] == list(ALBEDO.rows)
+    assert [getattr(start.config, "ablation", WHOLE) for start, *_ in fits] == list(ROWS)
     assert all(arguments[1:] == fits[0][1:] for arguments in fits)
     assert {config.steps for _, _, config, _ in fits} == {3}
     fits.clear()
     assert main(command) == 0 and fits == []  # Nothing is left to do.
     assert main([*command, "--steps", "4"]) == 0
-    assert len(fits) == len(ALBEDO.rows)  # Another budget is another run.
+    assert len(fits) == len(ROWS)  # Another budget is another run.
 
 
 def rows(text: str) -> dict[str, list[str]]:
@@ -83,14 +83,14 @@ def test_the_tables_say_what_was_measured(command, ball_data, capsys):
     text = document.read_text()
     assert "2 samples of 1 objects" in text and text.count("Measured on 1 objects") == 1
     found = rows(text)
-    assert set(ALBEDO.rows.values()) <= found.keys()
-    whole, blind = found[ALBEDO.rows[WHOLE]], found[ALBEDO.rows["no-measurements"]]
+    assert set(ROWS.values()) <= found.keys()
+    whole, blind = found[ROWS[WHOLE]], found[ROWS["no-measurements"]]
     assert whole == ["42.00", "50.00", *whole[2:5], "-"] and float(blind[1]) < 20.0 and blind[-1] == "0 of 1"
     assert blind[2:5] == whole[2:5]  # Right but for its scale; roughness and metallic are the same.
     # Of held-out objects what the fit's last validation said.
     assert found["*no network*"][0] == "39.00" and found["*as shipped, from a longer training*"][0] == "-"
     record = json.loads((ball_data / "out" / "evaluation-instant_albedo" / "results.json").read_text())
-    assert {ALBEDO.system(name) for name in ALBEDO.rows} <= record["objects"][0]["systems"].keys()
+    assert {system(name) for name in ROWS} <= record["objects"][0]["systems"].keys()
 
 
 def test_fits_are_compared_by_their_own_validation_where_nothing_is_measured(command, ball_data, capsys):
@@ -98,8 +98,8 @@ def test_fits_are_compared_by_their_own_validation_where_nothing_is_measured(com
     text = (ball_data / "out" / "instant_albedo.md").read_text()
     found = rows(text)
     assert found["InstantAlbedo"] == ["held out: albedo"] and found["*no network*"] == ["39.00"]
-    assert found[ALBEDO.rows[WHOLE]] == ["42.00"] and "Nothing else was measured" in text
+    assert found[ROWS[WHOLE]] == ["42.00"] and "Nothing else was measured" in text
 
 
 def test_every_ablation_of_the_network_has_a_row():
-    assert {WHOLE, *ABLATIONS} == set(ALBEDO.rows)
+    assert {WHOLE, *ABLATIONS} == set(ROWS)
