@@ -146,19 +146,19 @@ def test_scans_without_a_finish_get_the_agreed_one(data, asset):
 
 
 def test_what_breaks_while_the_truth_is_rendered_leaves_nothing_and_is_made_up_for(data, monkeypatch):
-    rendered = truth_blender.render_pictures
+    rendered = truth_blender.render_views
 
     def breaks(cameras):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(truth_blender, "render_pictures", breaks)
+    monkeypatch.setattr(truth_blender, "render_views", breaks)
     with pytest.raises(KeyboardInterrupt):
         render(data)
     assert not (data / "cache").exists()
-    monkeypatch.setattr(truth_blender, "render_pictures", rendered)
+    monkeypatch.setattr(truth_blender, "render_views", rendered)
     render(data)
     assert is_whole(data / "cache" / "ring")
-    monkeypatch.setattr(truth_blender, "render_pictures", breaks)
+    monkeypatch.setattr(truth_blender, "render_views", breaks)
     render(data)  # Nothing is missing: nothing is rendered.
 
 

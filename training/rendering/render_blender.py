@@ -8,7 +8,7 @@ true mesh beside them.
 import tempfile
 import time
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -183,7 +183,7 @@ def illuminate(hdri: Path, rng: np.random.Generator) -> dict[str, float]:
     return {"rotation_deg": rotation_deg, "exposure": exposure}
 
 
-def render_views(cameras: tuple[Camera, ...], check: Callable[[], None] = lambda: None) -> list[Arrays]:
+def render_views(cameras: Sequence[Camera], check: Callable[[], None] = lambda: None) -> list[Arrays]:
     """The scene from every camera; `check` is called before each and may raise."""
     views = []
     with tempfile.TemporaryDirectory(dir=SCRATCH) as scratch:
@@ -204,11 +204,16 @@ def render_evaluation_views(asset: Asset, hdri: Path, output: Path, distance: fl
     illuminate(hdri, rng)
     configure_cycles(config)
     cameras = zero123plus_rig(distance=distance, size=config.resolution)
-    names = [f"{index:03d}.png" for index in range(len(cameras))]
-    folder = output / asset.key
+    views = render_views(cameras)
+    save_arrays(output / asset.key / "mesh.npz", {"vertices": vertices, "faces": faces.astype(np.int32)})
+    write_views(output / asset.key, views, cameras)
+
+
+def write_views(folder: Path, views: Sequence[Arrays], cameras: Sequence[Camera]) -> None:
+    """Pictures with their cameras, as a user would bring them; `transforms.json` comes last."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name, view in zip(names, render_views(cameras), strict=True):
+    names = [f"{index:03d}.png" for index in range(len(views))]
+    for name, view in zip(names, views, strict=True):
         rgba = torch.from_numpy(view["rgba"]).permute(2, 0, 1) / 255.0
         write_png(folder / name, torch.cat([linear_from_srgb(rgba[:3]), rgba[3:]]), srgb=True)
-    save_arrays(folder / "mesh.npz", {"vertices": vertices, "faces": faces.astype(np.int32)})
-    write_transforms(folder / "transforms.json", names, cameras)
+    write_transforms(folder / "transforms.json", names, tuple(cameras))

@@ -13,9 +13,9 @@ from training.evaluation.scores.image_scores import PSNR_CAP
 from training.evaluation.scores.relighting import relighting_scores, under_lights
 from training.evaluation.tables.output import setting_text
 from training.evaluation.trials.trial import Trial
-from training.evaluation.truth.protocol import PAPER_COUNTS, QUICK, Protocol
-from training.evaluation.truth.relit import relit_lights, relit_pictures, save_relit
-from training.evaluation.truth.truth import Appearance, Relighting, Truth, relit_files
+from training.evaluation.truth.protocol import PAPER_COUNTS, QUICK, Protocol, relit_lights
+from training.evaluation.truth.truth import Appearance, Relighting, Truth, relit_files, relit_pictures
+from training.rendering.shards import save_arrays
 
 OTHERS, OWN = [Path(f"eval-{k}.hdr") for k in range(3)], [Path(f"own-{k}.exr") for k in range(8)]
 SMALL = Protocol(resolution=16, views=4, relit_views=3, environments=2)
@@ -67,7 +67,7 @@ def truth(tmp_path) -> Truth:
     for path, level in zip(files, (100, 150), strict=True):
         pictures = np.full((3, 16, 16, 4), level, np.uint8)
         pictures[..., 3] = 255
-        save_relit(path, list(pictures))
+        save_arrays(path, {"rgba": pictures})
     relighting = Relighting(cameras, tuple(files), (tmp_path / "day.hdr", tmp_path / "night.hdr"))
     shown = Appearance(SMALL.tests(), *(torch.ones(4, c, 16, 16) for c in (1, 3, 1, 1)))
     return Truth(shown, shown, tmp_path / "first.hdr", tmp_path / "day.hdr", relighting)

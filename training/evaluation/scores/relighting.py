@@ -9,8 +9,7 @@ from torch import Tensor
 from arm_blender.graphics.cameras import Camera
 
 from ...losses import Perceptual
-from ..truth.relit import relit_pictures
-from ..truth.truth import Appearance, Relighting, Truth
+from ..truth.truth import Appearance, Relighting, Truth, relit_pictures
 from .image_scores import ImageScores, compare_pictures, mean_scores
 
 Render = Callable[[Sequence[Camera], Sequence[Path]], list[Tensor]]

@@ -6,9 +6,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-import torch
 from mathutils import Matrix
-from numpy.typing import NDArray
 from torch import Tensor
 
 from arm_blender.blender.asset.scene import build_object
@@ -16,10 +14,11 @@ from arm_blender.blender.compat import shader_tree
 from arm_blender.graphics.cameras import Camera
 from arm_blender.structures import RelightableAsset
 
+from ...rendering.render_blender import render_views
 from ...rendering.scene_blender import import_object, reduce_to_brdf
 from ..truth.protocol import Protocol
-from ..truth.truth import Appearance
-from ..truth.truth_blender import light, prepare_render, render_pictures
+from ..truth.truth import Appearance, appearance, channels_first
+from ..truth.truth_blender import light, prepare_render
 from .baselines import ColoredMesh
 
 COLORS = "arm_color"
@@ -60,21 +59,13 @@ def file_appearance(
         reduce_to_brdf(material)
     prepare_render(protocol.resolution, protocol.asset_samples)
     light(lights[0])
-    pictures = render_pictures(cameras)
-    rgba = _channels_first([picture["rgba"] for picture in pictures])
-    found = Appearance(
-        tuple(cameras),
-        rgba[:, 3:],
-        _channels_first([picture["albedo"] for picture in pictures]),
-        _channels_first([picture["roughness"][..., None] for picture in pictures]),
-        _channels_first([picture["metallic"][..., None] for picture in pictures]),
-        lit=rgba[:, :3],
-    )
+    views = render_views(cameras)
+    names = ("rgba", "albedo", "roughness", "metallic")
+    found = appearance(tuple(cameras), {name: np.stack([view[name] for view in views]) for name in names})
     if len(lights) == 1:
         return found
     light(lights[1])
-    relit = _channels_first([picture["rgba"][..., :3] for picture in render_pictures(cameras)])
-    return replace(found, relit=relit)
+    return replace(found, relit=_lit(cameras))
 
 
 def _lights(
@@ -86,7 +77,7 @@ def _lights(
     found = []
     for hdri in lights:
         light(hdri)
-        found.append(_channels_first([picture["rgba"][..., :3] for picture in render_pictures(cameras)]))
+        found.append(_lit(cameras))
     return found
 
 
@@ -111,6 +102,6 @@ def _build_colored(colored: ColoredMesh) -> bpy.types.Object:
     return placed
 
 
-def _channels_first(pictures: Sequence[NDArray[np.uint8]]) -> Tensor:
-    """(V, C, N, N) in [0, 1] of V (N, N, C) uint8."""
-    return torch.from_numpy(np.stack(pictures)).permute(0, 3, 1, 2).float() / 255.0
+def _lit(cameras: Sequence[Camera]) -> Tensor:
+    """(V, 3, N, N) sRGB of the open scene."""
+    return channels_first(np.stack([view["rgba"][..., :3] for view in render_views(cameras)]))

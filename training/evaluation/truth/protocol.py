@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
+from arm_blender.errors import ArmError
 from arm_blender.graphics.cameras import Camera, orbit_camera
 from arm_blender.views.rigs import zero123plus_rig
 
@@ -115,3 +116,22 @@ class EvaluationEntry:
 def chosen_for(name: str, choices: Sequence[Choice]) -> Choice:
     """One of the choices, the same for this object in every run."""
     return choices[zlib.crc32(name.encode()) % len(choices)]
+
+
+def relit_lights(others: Sequence[Path], own: Sequence[Path], first: Path, count: int) -> list[Path]:
+    """The environments that one object is relit under, the same in every run.
+
+    Args:
+        others: those of split eval, which come first.
+        own: Blender's, taken evenly in their order for what is missing.
+        first: the light of the inputs, which is not taken.
+        count: of environments.
+    Raises:
+        ArmError: there are not so many.
+    """
+    found = [light for light in others if light != first][:count]
+    rest = [light for light in own if light != first and light not in found]
+    missing = count - len(found)
+    if missing > len(rest):
+        raise ArmError(f"{len(found) + len(rest)} environments, {count} are needed; name more in the manifest's hdris")
+    return found + [rest[k * len(rest) // missing] for k in range(missing)]

@@ -64,7 +64,7 @@ class Relighting:
 
     Attributes:
         cameras: V of them.
-        files: of each light, for `relighting.relit_pictures`.
+        files: of each light, for `relit_pictures`.
         lights: HDRI files, in the same order.
     """
 
@@ -116,7 +116,7 @@ def read_truth(item: EvaluationObject, data: Path, protocol: Protocol) -> Truth:
             relighting = Relighting(protocol.relit(), tuple(relit_files(item.folder, len(others))), others)
     except (OSError, ValueError, KeyError) as error:
         raise ArmError(f"{item.folder}: no whole truth ({error}); remove the folder, it is rendered again") from error
-    views = _appearance(arrays)
+    views = appearance(shards.cameras(arrays), arrays)
     return Truth(views.only(slice(None, -1)), views.only(slice(-1, None)), light, other, relighting)
 
 
@@ -125,19 +125,30 @@ def relit_files(folder: Path, count: int) -> list[Path]:
     return [folder / f"relit-{k}.npz" for k in range(count)]
 
 
-def _appearance(arrays: shards.Arrays) -> Appearance:
-    rgba = _unit(arrays["rgba"])
+def relit_pictures(path: Path) -> tuple[Tensor, Tensor]:
+    """The true pictures of a file of `Relighting`: (V, 3, N, N) sRGB, and (V, 1, N, N) coverage, in [0, 1].
+
+    Raises:
+        ArmError: it is missing or damaged.
+    """
+    rgba = channels_first(shards.arrays(path, "rgba")["rgba"])
+    return rgba[:, :3], rgba[:, 3:]
+
+
+def appearance(cameras: tuple[Camera, ...], arrays: shards.Arrays) -> Appearance:
+    """What the arrays of views show, stacked from those of `render_view`, perhaps with relit (V, N, N, 3) uint8."""
+    rgba = channels_first(arrays["rgba"])
     return Appearance(
-        shards.cameras(arrays),
+        cameras,
         rgba[:, 3:],
-        _unit(arrays["albedo"]),
-        _unit(arrays["roughness"][..., None]),
-        _unit(arrays["metallic"][..., None]),
+        channels_first(arrays["albedo"]),
+        channels_first(arrays["roughness"][..., None]),
+        channels_first(arrays["metallic"][..., None]),
         lit=rgba[:, :3],
-        relit=_unit(arrays["relit"]) if "relit" in arrays else None,
+        relit=channels_first(arrays["relit"]) if "relit" in arrays else None,
     )
 
 
-def _unit(pixels: NDArray[np.uint8]) -> Tensor:
+def channels_first(pixels: NDArray[np.uint8]) -> Tensor:
     """(V, C, N, N) in [0, 1] of (V, N, N, C) uint8."""
     return torch.from_numpy(pixels).permute(0, 3, 1, 2).float() / 255.0

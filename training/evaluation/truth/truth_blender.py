@@ -1,7 +1,6 @@
 """Render the truth of the evaluation into its cache, by Cycles: inputs, test views, and test views in another light."""
 
 import logging
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,14 +10,11 @@ import numpy as np
 import torch
 
 from arm_blender.errors import ArmError
-from arm_blender.graphics.cameras import Camera
-from arm_blender.graphics.color import linear_from_srgb
 from arm_blender.machine.files import staging, write_json
-from arm_blender.views.image_io import write_png
-from arm_blender.views.transforms_json import write_transforms
 
 from ...rendering.lighting_blender import blender_environments, mean_radiance, set_world
-from ...rendering.passes_blender import SCRATCH, RenderConfig, configure_cycles, render_view
+from ...rendering.passes_blender import RenderConfig, configure_cycles
+from ...rendering.render_blender import render_views, write_views
 from ...rendering.scene_blender import (
     add_aovs,
     import_object,
@@ -28,14 +24,11 @@ from ...rendering.scene_blender import (
     set_constant,
     triangles,
 )
-from ...rendering.shards import Arrays, save_arrays
-from .protocol import EXPOSURE, UNMEASURED, EvaluationEntry, Protocol, chosen_for
-from .relit import relit_lights, save_relit
+from ...rendering.shards import save_arrays
+from .protocol import EXPOSURE, UNMEASURED, EvaluationEntry, Protocol, chosen_for, relit_lights
 from .truth import ARRAYS, FRONT, RECORD, is_whole, relit_files
 
 logger = logging.getLogger(__name__)
-
-Pictures = list[Arrays]
 
 
 def render_missing(
@@ -90,9 +83,9 @@ def _render(entry: EvaluationEntry, first: Path, others: list[Path], folder: Pat
             _set_unmeasured(material)
     prepare_render(protocol.resolution, protocol.samples)
     light(first)
-    inputs = render_pictures(protocol.inputs())
+    inputs = render_views(protocol.inputs())
     tests = (*protocol.tests(), protocol.front())
-    lit = render_pictures(tests)
+    lit = render_views(tests)
     write_views(folder, inputs, protocol.inputs())
     write_views(folder / FRONT, lit[-1:], tests[-1:])
     save_arrays(folder / "mesh.npz", {"vertices": vertices, "faces": faces.astype(np.int32)})
@@ -100,12 +93,12 @@ def _render(entry: EvaluationEntry, first: Path, others: list[Path], folder: Pat
     arrays = {name: np.stack([view[name] for view in lit]) for name in names}
     for path, other in zip(relit_files(folder, len(others)), others, strict=True):
         light(other)
-        relit = [view["rgba"] for view in render_pictures(protocol.relit())]
+        relit = [view["rgba"] for view in render_views(protocol.relit())]
         if protocol.relit_views is None:
             # The front view comes last and has no other light of its own.
             arrays["relit"] = np.stack([rgba[..., :3] for rgba in (*relit, lit[-1]["rgba"])])
         else:
-            save_relit(path, relit)
+            save_arrays(path, {"rgba": np.stack(relit)})
     arrays["c2w"] = torch.stack([camera.c2w for camera in tests]).numpy()
     arrays["K"] = torch.stack([camera.K for camera in tests]).numpy()
     save_arrays(folder / ARRAYS, arrays)
@@ -120,22 +113,6 @@ def prepare_render(resolution: int, samples: int) -> None:
 def light(hdri: Path) -> None:
     """Light the scene by an HDRI of the protocol's exposure."""
     set_world(hdri, 0.0, EXPOSURE / max(mean_radiance(hdri), 1e-3))
-
-
-def render_pictures(cameras: Sequence[Camera]) -> Pictures:
-    """What each camera sees of the open scene."""
-    with tempfile.TemporaryDirectory(dir=SCRATCH) as scratch:
-        return [render_view(camera, Path(scratch)) for camera in cameras]
-
-
-def write_views(folder: Path, pictures: Pictures, cameras: Sequence[Camera]) -> None:
-    """Pictures with their cameras, as a user would bring them."""
-    folder.mkdir(parents=True, exist_ok=True)
-    names = [f"{index:03d}.png" for index in range(len(pictures))]
-    for name, picture in zip(names, pictures, strict=True):
-        rgba = torch.from_numpy(picture["rgba"]).permute(2, 0, 1) / 255.0
-        write_png(folder / name, torch.cat([linear_from_srgb(rgba[:3]), rgba[3:]]), srgb=True)
-    write_transforms(folder / "transforms.json", names, tuple(cameras))
 
 
 def _set_unmeasured(material: bpy.types.Material) -> None:
