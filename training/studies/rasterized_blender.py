@@ -13,7 +13,6 @@ from pathlib import Path
 
 import bpy
 import torch
-from PIL import Image, ImageDraw
 from torch import Tensor
 from torch.nn import functional
 
@@ -22,7 +21,7 @@ from arm_blender.blender.asset.studio import add_view_camera, light_by_environme
 from arm_blender.blender.compat import use_cycles, use_exr
 from arm_blender.errors import ArmError
 from arm_blender.graphics.cameras import Camera
-from arm_blender.graphics.color import LUMINANCE, bytes_from_unit, linear_from_srgb, srgb_from_linear
+from arm_blender.graphics.color import LUMINANCE, linear_from_srgb, srgb_from_linear
 from arm_blender.graphics.meshes import face_normals
 from arm_blender.graphics.raster.rasterize import rasterize_uv
 from arm_blender.structures import MaterialMaps, RelightableAsset, TriangleMesh, UvMesh
@@ -32,6 +31,7 @@ from arm_blender.uv.texels import texel_map
 from ..datasets import atlases
 from ..documents import markdown_table, paragraphs, write_text
 from ..evaluation.scores.image_scores import psnr_inside
+from ..evaluation.tables.contact_sheet import tiled
 from ..rasterized import pictures as rasterized
 from ..rasterized.lights import Sun, lighting, random_sky
 from ..rasterized.materials import Finish, random_finish
@@ -154,18 +154,6 @@ def scene_of(mesh: UvMesh, library: rasterized.Library, generator: torch.Generat
     return Scene(mesh, surface, finish, *random_sky(library.environments, generator))
 
 
-def sheet(rows: list[tuple[str, Tensor]], columns: int) -> Image.Image:
-    """Pictures (3, H, W) in [0, 1] with captions, in columns."""
-    height, width = rows[0][1].shape[1:]
-    whole = Image.new("RGB", (columns * width, math.ceil(len(rows) / columns) * (height + 14)), "white")
-    draw = ImageDraw.Draw(whole)
-    for index, (caption, picture) in enumerate(rows):
-        left, top = index % columns * width, index // columns * (height + 14)
-        draw.text((left + 4, top + 1), caption, fill="black")
-        whole.paste(Image.fromarray(bytes_from_unit(picture).permute(1, 2, 0).contiguous().numpy()), (left, top + 14))
-    return whole
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--shards", type=Path, help="folder of objects with mesh.npz; without it, shapes are made")
     parser.add_argument(
@@ -205,7 +193,8 @@ def run(args: argparse.Namespace) -> int:
         f"Made by `{args.command}`.",
     )
     write_text(args.output / "comparison.md", text)
-    sheet(pictures, 6).save(args.output / "comparison.png")
+    rows_of_six = [pictures[i : i + 6] for i in range(0, len(pictures), 6)]
+    tiled(rows_of_six, 6, args.resolution).save(args.output / "comparison.png")
     print(text)
     return 0
 
