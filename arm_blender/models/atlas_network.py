@@ -52,9 +52,9 @@ class AtlasNetwork(nn.Module):
     def __init__(self, config: AtlasNetworkConfig, told: int = 0) -> None:
         super().__init__()
         self.config = config
-        self.encoder = MaterialEncoder(config.encoder)
+        self.encoder: nn.Module = MaterialEncoder(config.encoder)
         self.unet = Unet(_VIEW_CHANNELS + config.encoder.out_channels, config.unet)
-        self.ffc = FfcGenerator(config.unet.out_channels + FUSED_CHANNELS + told, 6, config.ffc)
+        self.ffc: FfcGenerator | Unet = FfcGenerator(config.unet.out_channels + FUSED_CHANNELS + told, 6, config.ffc)
 
     def surface(self, images: Tensor, texels: TexelMap, seen: TexelViews, base: Tensor, resolution: int) -> Tensor:
         """(7, n, n) the cells that the networks run on, n the resolution: share covered, position, normal.

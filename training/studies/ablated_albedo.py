@@ -35,6 +35,8 @@ class AblatedConfig(InstantAlbedoConfig):
 class CoarseColors(AtlasNetwork):
     """Colours of the coarse atlas, enlarged: corrections of the blend would let its detail in again."""
 
+    config: InstantAlbedoConfig
+
     def forward(self, images: Tensor, texels: TexelMap, seen: TexelViews, base: Tensor) -> tuple[Tensor, Tensor]:
         """As of `InstantAlbedo`; `base` has no say."""
         side = texels.mask.shape[-1]
@@ -67,8 +69,8 @@ class LocalUnet(InstantAlbedo):
         super().__init__(config)
         channels = config.unet.out_channels + FUSED_CHANNELS + BLEND_CHANNELS
         self.ffc = Unet(channels, replace(config.unet, out_channels=6, stem_stride=1))
-        nn.init.zeros_(self.ffc.last.weight)
-        nn.init.zeros_(self.ffc.last.bias)
+        for parameter in self.ffc.last.parameters():
+            nn.init.zeros_(parameter)
 
 
 class _Nothing(nn.Module):

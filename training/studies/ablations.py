@@ -115,7 +115,7 @@ def fitted(args: argparse.Namespace) -> dict[str, Settings]:
         atlases.prepare(args.shards, args.cache)
     config = TrainerConfig(steps=args.steps, learning_rate=ALBEDO_RATE, weight_decay=0.0)
     for ablation, settings in missing.items():
-        weights = settings.weights_folder / settings.weights(NETWORK).name
+        weights = folder / ablation / settings.weights(NETWORK).name
         ablated_albedo.fit(ablation, args.cache, weights, config, VIEWS)
     return found
 
@@ -157,7 +157,8 @@ def table(fits: dict[str, Settings], results: Sequence[ObjectResult]) -> str:
     for name, row, held_out in systems:
         numbers = [held_out, *(mean(results, (), name, read) for read in READERS.values())]
         pairs = [(first(result.systems[name]), first(result.systems[whole])) for result in results]
-        better = "-" if name == whole or not pairs else f"{sum(a > b for a, b in pairs)} of {len(pairs)}"
+        won = sum(a > b for a, b in pairs if a is not None and b is not None)
+        better = "-" if name == whole or not pairs else f"{won} of {len(pairs)}"
         rows.append([row, *("-" if x is None else f"{x:.2f}" for x in numbers), better])
     header = ["InstantAlbedo", "held out: albedo", *READERS, f"better {title} than with all parts"]
     return markdown_table(*without_empty(header, rows))

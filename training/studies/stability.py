@@ -7,6 +7,7 @@ import argparse
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -18,7 +19,8 @@ from arm_blender.graphics.light.brdf import MIN_ALPHA, evaluate
 from arm_blender.graphics.meshes import face_areas, signed_areas
 from arm_blender.graphics.raster.rasterize import Fragments, rasterize
 from arm_blender.graphics.raster.screen_triangles import NEAR
-from arm_blender.graphics.surface.isosurface import IsosurfaceConfig, extract
+from arm_blender.graphics.surface.isosurface import extract
+from arm_blender.graphics.surface.sample_grid import IsosurfaceConfig
 from arm_blender.structures import TriangleMesh
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 from arm_blender.views import load_views
@@ -63,7 +65,7 @@ def steep_densities() -> Iterator[Row]:
     """The iso-surface of a sphere whose density rises faster and faster, up to a step, and with holes of NaN."""
     config = IsosurfaceConfig(resolution=GRID)
     for steepness in (1.0, 1e2, 1e4, 1e6, float("inf")):
-        mesh = extract(lambda p, s=steepness: ball(p, s, config.iso), config)
+        mesh = extract(partial(ball, steepness=steepness, iso=config.iso), config)
         yield f"density with slope {steepness:g} at the surface", ON_SPHERE, _sphere_quality(mesh)
 
     def with_nan(points: torch.Tensor) -> torch.Tensor:
@@ -90,14 +92,15 @@ def sharp_reflections() -> Iterator[Row]:
             aside = torch.randn(1000, 3, generator=random) * max(roughness**2, MIN_ALPHA) * 0.5
             half = normalize(up + aside, dim=1)
             light = 2.0 * (half * view).sum(1, keepdim=True) * half - view
-            vectors = [(vector @ turn).float() for vector in (up, light, view)]
-            vectors[1].requires_grad_()
-            finish = torch.ones(3), torch.full((1000, 1), roughness, requires_grad=True), torch.ones(1)
-            value = evaluate(*vectors, *finish)
-            exact = evaluate(*(x.detach().double() for x in (*vectors, *finish)))
+            normal, toward, back = ((vector @ turn).float() for vector in (up, light, view))
+            toward.requires_grad_()
+            gloss = torch.full((1000, 1), roughness, requires_grad=True)
+            value = evaluate(normal, toward, back, torch.ones(3), gloss, torch.ones(1))
+            n, to_light, v, rough = (x.detach().double() for x in (normal, toward, back, gloss))
+            exact = evaluate(n, to_light, v, n.new_ones(3), rough, n.new_ones(1))
             lit = exact[:, 0] > 0.0
             error = float((value.detach()[lit] / exact[lit] - 1.0).abs().max())
-            slopes = torch.cat(torch.autograd.grad(value.sum(), (vectors[1], finish[1])), dim=1)
+            slopes = torch.cat(torch.autograd.grad(value.sum(), (toward, gloss)), dim=1)
             yield (
                 f"metal of roughness {roughness:g}, n.v = {cosine:g}",
                 "of 1,000 lights all over the lobe, those above the surface; largest relative error of the BRDF in "
@@ -202,9 +205,9 @@ def close_cameras() -> Iterator[Row]:
     floor = torch.tensor([[-1e3, -1e3, -0.1], [1e3, -1e3, -0.1], [1e3, 1e3, -0.1], [-1e3, 1e3, -0.1]])
     fragments = rasterize(floor, torch.tensor([[0, 1, 2], [0, 2, 3]]), camera)
     expected = 0.1 * camera.K[1, 1] / (torch.arange(64) + 0.5)
-    error = (fragments.depth[64:] / expected[:, None] - 1.0).abs().max()
+    worst = float((fragments.depth[64:] / expected[:, None] - 1.0).abs().max())
     yield (
         "a floor 0.1 under the camera, from far behind it to the horizon",
         "upper half empty; lower half full; largest relative error of the depth",
-        f"{not fragments.mask[:64].any()}; {bool(fragments.mask[64:].all())}; {float(error):.1e}",
+        f"{not fragments.mask[:64].any()}; {bool(fragments.mask[64:].all())}; {worst:.1e}",
     )
