@@ -19,6 +19,13 @@ def enumerate_items(counts: Tensor) -> tuple[Tensor, Tensor]:
     return owner, torch.arange(len(owner), device=counts.device) - (torch.cumsum(counts, dim=0) - counts)[owner]
 
 
+def runs(counts: Tensor, limit: int) -> tuple[Tensor, ...]:
+    """Indices of (N,) counts, cut into runs whose counts sum to about `limit`."""
+    run = torch.div(counts.cumsum(dim=0), limit, rounding_mode="floor")
+    sizes = torch.unique_consecutive(run, return_counts=True)[1].tolist()
+    return torch.arange(len(counts), device=counts.device).split(sizes)
+
+
 def in_pieces(function: Callable[..., tuple[Tensor, ...]], *lists: Tensor) -> tuple[Tensor, ...]:
     """`function` of lists (P, ...), piece by piece; it returns a tuple of (P, ...), each row of its own rows alone."""
     pieces = zip(*(rows.split(PIECE) for rows in lists), strict=True)

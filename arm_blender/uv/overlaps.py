@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from ..graphics.ragged import enumerate_items
+from ..graphics.ragged import enumerate_items, runs
 
 BIN_LIMIT = 64
 """No face covers more than about this many bins a side in the search for overlaps: bounds its memory."""
@@ -54,11 +54,7 @@ def _candidate_pairs(plane: Tensor, chart: Tensor) -> Iterator[Tensor]:
     _, group, count = torch.unique_consecutive(key, return_inverse=True, return_counts=True)
     start = (torch.cumsum(count, dim=0) - count)[group]
     earlier = torch.arange(len(key), device=key.device) - start  # Every face of a bin meets those before it.
-    # Cut where the running number of pairs fills a chunk.
-    piece = torch.cumsum(earlier, dim=0) // PAIR_CHUNK
-    for entries in torch.arange(len(key), device=key.device).split(
-        torch.unique_consecutive(piece, return_counts=True)[1].tolist()
-    ):
+    for entries in runs(earlier, PAIR_CHUNK):
         entry, number = enumerate_items(earlier[entries])
         entry = entries[entry]
         yield torch.stack([face[entry], face[start[entry] + number]], dim=1)

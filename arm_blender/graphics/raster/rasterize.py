@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from ..cameras import Camera
-from ..ragged import enumerate_items, in_pieces
+from ..ragged import enumerate_items, in_pieces, runs
 from .screen_triangles import EDGE_TOLERANCE, ScreenTriangles, of_views, screen_triangles
 
 CHUNK = 1 << 18  # Candidate pixels tested at once: about 30 MB of work space, whatever the size of the triangles.
@@ -123,7 +123,7 @@ def _scan(triangles: ScreenTriangles, views: int, height: int, width: int) -> Fr
     device, pixels = triangles.face.device, views * height * width
     nearest = torch.full((pixels,), torch.inf, dtype=triangles.xy.dtype, device=device)
     winner = torch.full((pixels,), len(triangles.face), dtype=torch.int32, device=device)
-    for chosen in _pieces(box[3]):
+    for chosen in runs(box[3], CHUNK):
         owner, row = enumerate_items(box[3, chosen])
         triangle = chosen[owner]
         first, length = _spans(plane, box, triangle, row)
@@ -131,19 +131,12 @@ def _scan(triangles: ScreenTriangles, views: int, height: int, width: int) -> Fr
         triangle, row, first, length = triangle[kept], row[kept], first[kept], length[kept]
         left = (box[1, triangle] + row) * width + box[0, triangle] + first
         inverse_depth = _inverse_depth(triangles, plane, triangle, row, first)
-        for part in _pieces(length):
+        for part in runs(length, CHUNK):
             owner, local = enumerate_items(length[part])
             span = part[owner]
             depth = None if inverse_depth is None else _depth(inverse_depth[span], local)
             _keep_nearest(nearest, winner, left[span] + local, triangle[span], depth)
     return _fragments(triangles, box, plane, nearest, winner, (views, height, width))
-
-
-def _pieces(counts: Tensor) -> tuple[Tensor, ...]:
-    """Indices of (N,) counts, cut into runs whose counts sum to about `CHUNK`."""
-    run = torch.div(counts.cumsum(dim=0), CHUNK, rounding_mode="floor")
-    sizes = torch.unique_consecutive(run, return_counts=True)[1].tolist()
-    return torch.arange(len(counts), device=counts.device).split(sizes)
 
 
 def _spans(plane: Tensor, box: Tensor, triangle: Tensor, row: Tensor) -> tuple[Tensor, Tensor]:

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from ..ragged import enumerate_items
+from ..ragged import enumerate_items, runs
 
 CHUNK = 1 << 18
 """Pairs of a ray and a triangle tested at once: about 40 MB of work space."""
@@ -40,9 +40,7 @@ def nearest_hits(
     first, count, table = _enter(origins, directions, vertices, faces, reach)
     triangle = vertices[faces].reshape(-1, 9)
     nearest = torch.full((len(origins),), reach, dtype=origins.dtype, device=origins.device)
-    run = torch.div(count.cumsum(dim=0), CHUNK, rounding_mode="floor")
-    sizes = torch.unique_consecutive(run, return_counts=True)[1].tolist()
-    for rays in torch.arange(len(origins), device=origins.device).split(sizes):
+    for rays in runs(count, CHUNK):
         owner, number = enumerate_items(count[rays])
         ray = rays[owner]
         face = table[first[ray] + number]
