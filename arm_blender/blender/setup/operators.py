@@ -58,14 +58,15 @@ class _WhileIdle:
             return False
         return True
 
-    def _prepared(self) -> bool:
-        """Whether the libraries are there; says what is missing where they are not."""
+    def _listed(self, work: Callable[[Progress], tuple[WeightsRow, ...]]) -> set[str]:
+        """What the operator returns once work that ends in the list of weights was started, or a library is missing."""
         try:
             runtime.prepare()
         except ArmError as error:
             self.report({"ERROR"}, str(error))
-            return False
-        return True
+            return {"CANCELLED"}
+        background.start(work, _show_weights)
+        return self._concluded()
 
     def _concluded(self) -> set[str]:
         """What the operator returns once its work was started: without a window that work has ended."""
@@ -138,10 +139,7 @@ class ARM_OT_list_weights(_WhileIdle, bpy.types.Operator):
     bl_label = "Show Weights"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        if not self._prepared():
-            return {"CANCELLED"}
-        background.start(_read_weights, _show_weights)
-        return self._concluded()
+        return self._listed(_read_weights)
 
 
 class ARM_OT_import_weights(_WhileIdle, bpy.types.Operator):
@@ -171,8 +169,6 @@ class ARM_OT_import_weights(_WhileIdle, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        if not self._prepared():
-            return {"CANCELLED"}
         source, kind = Path(bpy.path.abspath(self.filepath)), self.kind
 
         def work(progress: Progress) -> tuple[WeightsRow, ...]:
@@ -183,8 +179,7 @@ class ARM_OT_import_weights(_WhileIdle, bpy.types.Operator):
                 progress(0.5, f"Converting {source.name}")
             return _read_weights(progress)
 
-        background.start(work, _show_weights)
-        return self._concluded()
+        return self._listed(work)
 
 
 class ARM_OT_download_weights(_WhileOnline, bpy.types.Operator):
@@ -204,8 +199,6 @@ class ARM_OT_download_weights(_WhileOnline, bpy.types.Operator):
             self.layout.label(text=f"Licence: {entry.licence}. By downloading you accept it.", icon="INFO")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        if not self._prepared():
-            return {"CANCELLED"}
         name = self.name
 
         def work(progress: Progress) -> tuple[WeightsRow, ...]:
@@ -214,8 +207,7 @@ class ARM_OT_download_weights(_WhileOnline, bpy.types.Operator):
             install.download(name, progress)
             return _read_weights(progress)
 
-        background.start(work, _show_weights)
-        return self._concluded()
+        return self._listed(work)
 
 
 class ARM_OT_cancel_setup(bpy.types.Operator):
