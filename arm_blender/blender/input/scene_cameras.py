@@ -63,7 +63,8 @@ def add_cameras(scene: bpy.types.Scene, name: str, views: Sequence[PlacedPicture
     """
     collection = bpy.data.collections.new(name)
     scene.collection.children.link(collection)
-    frame = _frame_aspect(scene)
+    render = scene.render
+    frame = render.resolution_x * render.pixel_aspect_x / (render.resolution_y * render.pixel_aspect_y)
     made = []
     for label, c2w, K, width, height, picture in views:
         lens = bpy.data.cameras.new(label)
@@ -146,9 +147,3 @@ def _intrinsics(
     left, top = middle[0] - size[0] / 2.0, middle[1] + size[1] / 2.0
     scale_x, scale_y = width / size[0], height / size[1]
     return np.array([[depth * scale_x, 0.0, -left * scale_x], [0.0, depth * scale_y, top * scale_y], [0.0, 0.0, 1.0]])
-
-
-def _frame_aspect(scene: bpy.types.Scene) -> float:
-    render = scene.render
-    across, up = render.resolution_x * render.pixel_aspect_x, render.resolution_y * render.pixel_aspect_y
-    return across / up

@@ -34,7 +34,11 @@ class ARM_OT_relight(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return _has_mesh(cls, context)
+        active = context.active_object
+        if active is None or active.type != "MESH" or not len(active.data.polygons):
+            cls.poll_message_set("Select a mesh with faces")
+            return False
+        return True
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """From scripts and without a window: returns when all pictures are there."""
@@ -159,14 +163,6 @@ class ARM_OT_light_scene(bpy.types.Operator):
         if before is not None:
             before.use_fake_user = True
         return {"FINISHED"}
-
-
-def _has_mesh(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
-    active = context.active_object
-    if active is None or active.type != "MESH" or not len(active.data.polygons):
-        operator.poll_message_set("Select a mesh with faces")
-        return False
-    return True
 
 
 def _environment(name: str, file: str) -> str:

@@ -6,19 +6,19 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 from ..compat import BLEND_RELATIVE
 from .callbacks import environment_turned, environments
 
+FILE = StringProperty(
+    name="File", description="An equirectangular .hdr or .exr", subtype="FILE_PATH", options=BLEND_RELATIVE
+)
+
 
 class ARM_PG_relight(bpy.types.PropertyGroup):
     """Environment, what turns, and how it is rendered."""
 
     environment: EnumProperty(name="Environment", description="What lights the object", items=environments)
-    environment_file: StringProperty(
-        name="File", description="An equirectangular .hdr or .exr", subtype="FILE_PATH", options=BLEND_RELATIVE
-    )
+    environment_file: FILE
     compare: BoolProperty(name="Compare", description="Show a second environment beside the first", default=False)
     second: EnumProperty(name="Second", description="What lights the object on the right", items=environments)
-    second_file: StringProperty(
-        name="File", description="An equirectangular .hdr or .exr", subtype="FILE_PATH", options=BLEND_RELATIVE
-    )
+    second_file: FILE
     rotation: FloatProperty(
         name="Rotation",
         description="Of the environment about the vertical",
