@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -115,7 +116,8 @@ def _by_xatlas(
             texture_size=config.texture_size,
             padding=config.padding,
         )
-        if not _run_worker(source, target, log, limit, _expected_seconds(len(face_uvs)), progress):
+        expected = 0.3 + len(face_uvs) / 1e5  # Only for the progress bar: about the seconds that xatlas takes.
+        if not _run_worker(source, target, log, limit, expected, progress):
             return None
         with np.load(target) as atlas:
             uvs = torch.from_numpy(atlas["uvs"]).float()
@@ -123,11 +125,6 @@ def _by_xatlas(
         logger.warning("xatlas returned UVs that are not finite; packing on shelves")
         return None
     return uvs.clamp(0.0, 1.0)
-
-
-def _expected_seconds(faces: int) -> float:
-    """Only for the progress bar: about what xatlas takes."""
-    return 0.3 + faces / 1e5
 
 
 def _run_worker(source: Path, target: Path, log: Path, limit: float, expected: float, progress: Progress) -> bool:
@@ -154,7 +151,8 @@ def _run_worker(source: Path, target: Path, log: Path, limit: float, expected: f
                     logger.warning("xatlas took longer than %.3g s; packing on shelves", limit)
                     return False
                 progress(FLATTENING + (0.9 - FLATTENING) * (1.0 - math.exp(-elapsed / expected)), "Packing charts")
-                _wait(process, min(POLL_SECONDS, max(limit - elapsed, 0.0)))
+                with suppress(subprocess.TimeoutExpired):
+                    process.wait(min(POLL_SECONDS, max(limit - elapsed, 0.0)))
         finally:
             if process.poll() is None:
                 process.kill()
@@ -164,11 +162,3 @@ def _run_worker(source: Path, target: Path, log: Path, limit: float, expected: f
         logger.warning("xatlas failed (%s); packing on shelves", last[0])
         return False
     return True
-
-
-def _wait(process: subprocess.Popen[bytes], seconds: float) -> None:
-    """Sleep until the process ends, but no longer than `seconds`."""
-    try:
-        process.wait(seconds)
-    except subprocess.TimeoutExpired:
-        return

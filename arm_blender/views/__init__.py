@@ -78,7 +78,7 @@ def read_views(
         as `load_views`.
     """
     try:
-        return _read(path, options, progress, left_out or _untold, heard)
+        return _read(path, options, progress, left_out or unheard, heard)
     except OSError as error:
         raise InputImageError(f"{path}: cannot be read ({error.strerror}); check the path and its rights") from error
 
@@ -98,7 +98,9 @@ def view_set(
     """
     preprocess.same_size([view.image for view in views], [view.path for view in views])
     if weights is not None:
-        views = _weighted(views, weights, path)
+        if len(weights) != len(views):
+            raise InputImageError(f"{path}: {len(views)} views but {len(weights)} --view-weights; give one per view")
+        views = [replace(view, weight=weight) for view, weight in zip(views, weights, strict=True)]
     for view in views:
         if view.weight != 0.0 and not WEIGHTS[0] <= view.weight <= WEIGHTS[1]:
             limits = " to ".join(f"{limit:g}" for limit in WEIGHTS)
@@ -125,10 +127,6 @@ def has_cameras(path: Path) -> bool:
     return path.suffix.lower() == ".json" or (path / TRANSFORMS).is_file()
 
 
-def _untold(what: str, why: str) -> None:
-    """The `LeaveOut` that tells nobody."""
-
-
 def _read(path: Path, options: ViewOptions, progress: Progress, left_out: LeaveOut, heard: Heard) -> list[View]:
     """The views at `path`, by what is there."""
     if path.is_dir() and (path / TRANSFORMS).is_file():
@@ -147,12 +145,6 @@ def _read(path: Path, options: ViewOptions, progress: Progress, left_out: LeaveO
     if options.multiview == "zero123plus" and options.zero123plus is not None:
         return drawn_views(path, options.zero123plus, options.rig_distance, options.fovy_deg, progress, heard)
     return view_alone(path, options.elevation_deg, options.fovy_deg, progress, heard)
-
-
-def _weighted(views: list[View], weights: tuple[float, ...], path: Path) -> list[View]:
-    if len(weights) != len(views):
-        raise InputImageError(f"{path}: {len(views)} views but {len(weights)} --view-weights; give one per view")
-    return [replace(view, weight=weight) for view, weight in zip(views, weights, strict=True)]
 
 
 def _name(path: Path) -> str:

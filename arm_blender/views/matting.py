@@ -6,7 +6,6 @@ size, by which we know them, normalised as they were trained. Their first output
 
 import functools
 import os
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -27,24 +26,12 @@ _NO_CONTRAST = 0.1
 """Range of a network's output below which it has found nothing; stretching would make an object of its noise."""
 
 
-@dataclass(frozen=True)
-class _Convention:
-    """What a network takes.
-
-    Attributes:
-        mean: of sRGB in [0, 1], after the brightest value has become 1.
-        deviation: that it is divided by.
-    """
-
-    mean: tuple[float, float, float]
-    deviation: tuple[float, float, float]
-
-
 _CONVENTIONS = {
-    320: _Convention((0.485, 0.456, 0.406), (0.229, 0.224, 0.225)),
-    1024: _Convention((0.5, 0.5, 0.5), (1.0, 1.0, 1.0)),
+    320: ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225)),
+    1024: ((0.5, 0.5, 0.5), (1.0, 1.0, 1.0)),
 }
-"""By the pixels a side of the input (`matting_model.SIDES`): U2-Net, IS-Net."""
+"""By the pixels a side of the input (`matting_model.SIDES`): U2-Net, IS-Net. Of each the mean of sRGB in [0, 1], after
+the brightest value has become 1, and the deviation that it is divided by."""
 
 
 def matted_by_model(image: Tensor) -> Tensor:
@@ -91,10 +78,9 @@ def alpha_by(model: Path, image: Tensor) -> Tensor:
         CheckpointError: the file is damaged, or no U2-Net or IS-Net.
     """
     session, side = matting_model.opened(model, torch.get_num_threads())
-    convention = _CONVENTIONS[side]
     small = interpolate(srgb_from_linear(image[None, :3]), (side, side), mode="bicubic", antialias=True).clamp(0.0, 1.0)
     small = small / small.max().clamp(min=1e-6)
-    mean, deviation = (torch.tensor(v)[:, None, None] for v in (convention.mean, convention.deviation))
+    mean, deviation = (torch.tensor(v)[:, None, None] for v in _CONVENTIONS[side])
     try:
         output = session.run(None, {session.get_inputs()[0].name: ((small - mean) / deviation).numpy()})[0]
     except matting_model.failures() as error:

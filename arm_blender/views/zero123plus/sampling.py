@@ -64,7 +64,8 @@ def six_views(
         seen = bytes_from_unit(composite(srgb_from_linear(picture[:3]), picture[3:], level)).cpu()
         prompt = _prompt(networks, seen)
         reference = _reference(networks, seen, noise)
-        side, channels = config.side // _scale(networks), networks.unet.config.in_channels
+        scale = 2 ** (len(networks.vae.config.block_out_channels) - 1)  # Pixels a side of one latent.
+        side, channels = config.side // scale, networks.unet.config.in_channels
         sample = noise.views(channels, side) * levels.initial_sigma
         for k, timestep in enumerate(levels.timesteps):
             report = 0.05 + 0.9 * k / config.steps, f"Zero123++: step {k + 1} of {config.steps}"
@@ -72,7 +73,8 @@ def six_views(
             noised = levels.scaled(levels.noised(reference, noise.reference(*reference.shape), k), k)
             # The first row knows nothing of the picture, the second one all.
             both = levels.scaled(sample, k).expand(2, -1, -1, -1)
-            v = predict(networks.unet, _on(networks, both), _on(networks, noised), _level(networks, timestep), prompt)
+            told = torch.tensor(timestep, device=networks.ramp.device)
+            v = predict(networks.unet, _on(networks, both), _on(networks, noised), told, prompt)
             v = guided(v.float().cpu(), config.guidance)
             sample = levels.step(sample, v, noise.views(channels, side), k)
         report = 0.95, "Zero123++: decoding the views"
@@ -117,15 +119,6 @@ def _reference(networks: Networks, seen: Tensor, noise: ViewNoise) -> Tensor:
     latents = networks.vae.encode(_on(networks, torch.cat([torch.zeros_like(picture), picture]))).latent_dist
     mean, std = latents.mean.float().cpu(), latents.std.float().cpu()
     return mean + std * noise.reference(*mean.shape)
-
-
-def _scale(networks: Networks) -> int:
-    """Pixels a side of one latent."""
-    return 2 ** (len(networks.vae.config.block_out_channels) - 1)
-
-
-def _level(networks: Networks, timestep: int) -> Tensor:
-    return torch.tensor(timestep, device=networks.ramp.device)
 
 
 def _on(networks: Networks, values: Tensor) -> Tensor:
