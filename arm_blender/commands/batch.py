@@ -11,13 +11,13 @@ import sys
 import time
 from collections.abc import Callable, Generator
 from contextlib import closing
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from ..errors import ArmError, InputImageError
 from ..knobs import Knobs, ViewKnobs, knobs_of
-from ..machine.files import check_output, clear_unfinished
+from ..machine.files import check_output, clear_unfinished, distinct
 from ..version import VERSION
 from . import UsageError, generate, workers
 
@@ -107,17 +107,9 @@ def read_items(path: Path, output: Path) -> list[Item]:
         rows, folder = _rows(path), path.parent
     if not rows:
         raise InputImageError(f"{path}: no items; give a list of views, or a folder of images and of folders of views")
-    items: list[Item] = []
-    taken: set[str] = set()
-    for number, row in enumerate(rows, start=1):
-        item = _item(row, folder, f"{path}: item {number}")
-        name, copies = item.name, 1
-        while name in taken:
-            copies += 1
-            name = f"{item.name}-{copies}"
-        taken.add(name)
-        items.append(Item(item.views, name, item.options))
-    return items
+    items = [_item(row, folder, f"{path}: item {number}") for number, row in enumerate(rows, start=1)]
+    names = distinct(item.name for item in items)
+    return [replace(item, name=name) for item, name in zip(items, names, strict=True)]
 
 
 def _views_in(folder: Path, output: Path) -> list[Path]:

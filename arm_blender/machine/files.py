@@ -8,7 +8,7 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -62,6 +62,18 @@ def write_json(path: Path, data: Any) -> None:
     with whole_file(path) as temporary:
         text = json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False, default=os.fspath)
         temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def distinct(names: Iterable[str]) -> list[str]:
+    """Names of files: a name that an earlier one has gets the first number that is free, as in cup, cup-2."""
+    found: dict[str, None] = {}
+    for wanted in names:
+        name, copies = wanted, 1
+        while name in found:
+            copies += 1
+            name = f"{wanted}-{copies}"
+        found[name] = None
+    return list(found)
 
 
 @contextmanager

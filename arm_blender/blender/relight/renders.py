@@ -10,6 +10,7 @@ from typing import Literal
 import bpy
 
 from ...errors import ArmError
+from ...machine.files import distinct
 from ...progress import Progress, part, silent
 from ..asset.asset_file import linked_asset
 from ..asset.blend_file import written_by_blender
@@ -85,13 +86,7 @@ def frames(environments: Sequence[Path | str], config: RelightConfig, compare: b
         InputImageError: an environment is not there.
     """
     paths = [environment_path(environment) for environment in environments]
-    labels: list[str] = []
-    for path in paths:
-        label, copies = path.stem, 1
-        while label in labels:
-            copies += 1
-            label = f"{path.stem}-{copies}"
-        labels.append(label)
+    labels = distinct(path.stem for path in paths)
     single = [(label, (path,)) for label, path in zip(labels, paths, strict=True)]
     groups = [("_".join(labels), tuple(paths))] if compare else single
     return [Frame(f"{label}_{turn:03d}.png", held, turn) for label, held in groups for turn in range(config.turntable)]
