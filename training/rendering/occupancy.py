@@ -29,8 +29,9 @@ FARTHEST = 0.25  # World units; beyond it only the sign matters, and a bounded s
 NEAR_POINTS, BAND_POINTS, BOX_POINTS = 20_000, 10_000, 10_000
 
 
-def carving_cameras(radius: float) -> list[Camera]:
-    """Cameras on a Fibonacci sphere that frame a ball of `radius` around the origin."""
+def views_around(mesh: TriangleMesh) -> tuple[list[tuple[Camera, Tensor]], float]:
+    """Cameras on a Fibonacci sphere that frame a mesh, each with the depth that it sees, and a pixel in world units."""
+    radius = float(mesh.vertices.norm(dim=1).max())
     fovy = 2.0 * math.asin(min(0.95, 1.02 * radius / CARVING_DISTANCE))
     K = intrinsics_from_fovy(fovy, CARVING_SIZE, CARVING_SIZE)
     index = torch.arange(CARVING_VIEWS) + 0.5
@@ -38,15 +39,19 @@ def carving_cameras(radius: float) -> list[Camera]:
     angle = math.pi * (1.0 + 5.0**0.5) * index
     ring = (1.0 - z * z).sqrt()
     eyes = CARVING_DISTANCE * torch.stack([ring * angle.cos(), ring * angle.sin(), z], dim=1)
-    return [Camera(look_at(eye), K, CARVING_SIZE, CARVING_SIZE) for eye in eyes]
+    cameras = [Camera(look_at(eye), K, CARVING_SIZE, CARVING_SIZE) for eye in eyes]
+    pixel = 2.0 * CARVING_DISTANCE * math.tan(cameras[0].fovy / 2.0) / CARVING_SIZE
+    return [(camera, rasterize(mesh.vertices, mesh.faces, camera).depth) for camera in cameras], pixel
 
 
-def depth_margin(points: Tensor, camera: Camera, depth: Tensor) -> Tensor:
-    """(P,) how far in front of what the camera sees each point lies, world units; infinite over background."""
-    pixels, own = project(points, camera)
-    column = pixels[:, 0].long().clamp(0, CARVING_SIZE - 1)
-    row = pixels[:, 1].long().clamp(0, CARVING_SIZE - 1)
-    return depth[row, column] - own
+def in_front(points: Tensor, views: list[tuple[Camera, Tensor]], margin: float) -> Tensor:
+    """(P,) bool: points (P, 3) more than `margin`, world units, in front of what any of the views sees."""
+    found = torch.zeros(len(points), dtype=torch.bool)
+    for camera, depth in views:
+        pixels, own = project(points, camera)
+        column, row = pixels.long().clamp(0, CARVING_SIZE - 1).unbind(dim=1)
+        found |= depth[row, column] - own > margin
+    return found
 
 
 def signed_distances(mesh: TriangleMesh, generator: torch.Generator) -> tuple[Tensor, Tensor]:
@@ -60,13 +65,8 @@ def signed_distances(mesh: TriangleMesh, generator: torch.Generator) -> tuple[Te
         return torch.randn(count, 3, generator=generator) * scale
 
     surface = sample_surface(mesh.vertices, mesh.faces, SURFACE_POINTS, generator)[0]
-    cameras = carving_cameras(float(mesh.vertices.norm(dim=1).max()))
-    depths = [rasterize(mesh.vertices, mesh.faces, camera).depth for camera in cameras]
-    pixel = 2.0 * CARVING_DISTANCE * math.tan(cameras[0].fovy / 2.0) / CARVING_SIZE
-    visible = torch.zeros(len(surface), dtype=torch.bool)
-    for camera, depth in zip(cameras, depths, strict=True):
-        visible |= depth_margin(surface, camera, depth) > -pixel
-    surface = surface[visible]
+    views, pixel = views_around(mesh)
+    surface = surface[in_front(surface, views, -pixel)]
     near = surface[torch.randint(len(surface), (NEAR_POINTS,), generator=generator)]
     low, high = mesh.vertices.amin(0), mesh.vertices.amax(0)
     points = torch.cat(
@@ -77,10 +77,8 @@ def signed_distances(mesh: TriangleMesh, generator: torch.Generator) -> tuple[Te
             torch.rand(BOX_POINTS, 3, generator=generator) * 2.0 - 1.0,
         ]
     ).clamp(-1.0, 1.0)
-    outside = torch.zeros(len(points), dtype=torch.bool)
-    for camera, depth in zip(cameras, depths, strict=True):
-        # Half a pixel of slack: depth is known at pixel centres only.
-        outside |= depth_margin(points, camera, depth) > 0.5 * pixel
+    # Half a pixel of slack: depth is known at pixel centres only.
+    outside = in_front(points, views, 0.5 * pixel)
     distance = torch.from_numpy(cKDTree(surface.numpy()).query(points.numpy(), distance_upper_bound=FARTHEST)[0])
     distance = distance.float().clamp(max=FARTHEST)
     return points, torch.where(outside, -distance, distance)

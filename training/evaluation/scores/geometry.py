@@ -5,7 +5,6 @@ poses can flatter a result (`alignment` is for shapes whose frame is unknown). T
 mean distances, unsquared.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,10 +13,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from arm_blender.graphics.meshes import sample_surface
-from arm_blender.graphics.raster.rasterize import rasterize
 from arm_blender.structures import TriangleMesh, UvMesh
 
-from ...rendering.occupancy import CARVING_DISTANCE, CARVING_SIZE, carving_cameras, depth_margin
+from ...rendering.occupancy import in_front, views_around
 
 SAMPLES = 100_000
 """Points on each surface, as in the paper."""
@@ -81,12 +79,8 @@ def ceiling(truth: TriangleMesh, samples: int = SAMPLES, seed: int = 0) -> Geome
     """
     generator = torch.Generator().manual_seed(seed)
     points, whole = (sample_surface(truth.vertices, truth.faces, n, generator)[0] for n in (2 * samples, samples))
-    visible = torch.zeros(len(points), dtype=torch.bool)
-    cameras = carving_cameras(float(truth.vertices.norm(dim=1).max()))
-    pixel = 2.0 * CARVING_DISTANCE * math.tan(cameras[0].fovy / 2.0) / CARVING_SIZE
-    for camera in cameras:
-        visible |= depth_margin(points, camera, rasterize(truth.vertices, truth.faces, camera).depth) > -pixel
-    return compare_points(points[visible][:samples].numpy(), whole.numpy())
+    views, pixel = views_around(truth)
+    return compare_points(points[in_front(points, views, -pixel)][:samples].numpy(), whole.numpy())
 
 
 def f_score(to_truth: NDArray[np.float64], to_predicted: NDArray[np.float64], threshold: float) -> float:
