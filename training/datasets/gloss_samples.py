@@ -70,7 +70,6 @@ class Shapes:
         kept = self.folder / f"{path.parent.name}.{path.stem}.{self._mark}.npz"
         if not kept.exists():
             vertices, faces = self._made(path)
-            self.folder.mkdir(parents=True, exist_ok=True)
             shards.save_arrays(kept, {"vertices": vertices.numpy(), "faces": faces.numpy().astype(np.int32)})
         return shards.read_mesh(kept)
 

@@ -73,7 +73,6 @@ class RasterizedAtlases:
         if mesh is None:
             return None
         logger.info("prepared %s to be rasterised", path.parent.name)
-        self.folder.mkdir(parents=True, exist_ok=True)
         surface = rasterized_surface.surface_of(TriangleMesh(mesh.vertices, mesh.faces))
         rasterized_surface.save(light, surface)
         save_atlas(kept, mesh)

@@ -29,8 +29,6 @@ from .shading import SurfacePoints, VertexLight, light_vertices, shade
 from .surface import Surface
 from .textures import NOTHING, TextureSet, read_textures
 
-ENVIRONMENTS = (".hdr", ".exr")
-
 
 @dataclass(frozen=True)
 class Library:
@@ -45,20 +43,17 @@ class Library:
     environments: Sequence[Tensor]
 
 
-def read_library(data: Path | None, environments: Path | None = None) -> Library:
-    """The texture sets and the environments of a data folder's training split, and those of another folder.
+def read_library(data: Path | None) -> Library:
+    """The texture sets and the environments of a data folder's training split.
 
     Args:
         data: with manifest.json; None for procedural materials and light alone.
-        environments: a folder of .hdr and .exr files.
     Raises:
         ArmError: a file cannot be read.
     """
-    files = []
-    if data is not None:
-        files += [data / e["files"][0] for e in read_manifest(data)["hdris"] if e["split"] == "train"]
-    if environments is not None:
-        files += sorted(p for p in environments.iterdir() if p.suffix.lower() in ENVIRONMENTS)
+    if data is None:
+        return Library([], [])
+    files = [data / e["files"][0] for e in read_manifest(data)["hdris"] if e["split"] == "train"]
     return Library(read_textures(data), [read_radiance(path) for path in files])
 
 
@@ -181,6 +176,5 @@ def surface_at(mesh: Path, cache: Path) -> Surface:
         surface = rasterized_surface.surface_of(shards.read_mesh(mesh))
     except EmptyMeshError as error:
         raise ArmError(f"{mesh}: {error}") from error
-    cache.mkdir(parents=True, exist_ok=True)
     rasterized_surface.save(kept, surface)
     return surface

@@ -183,12 +183,6 @@ def save(path: Path, surface: Surface) -> None:
 def load(path: Path) -> Surface:
     """What `save` kept."""
     with np.load(path) as file:
-        arrays = {name: file[name] for name in file.files}
-    bits = np.unpackbits(arrays["visible"], axis=1, count=DIRECTIONS).astype(bool)
-    return Surface(
-        torch.from_numpy(arrays["vertices"]),
-        torch.from_numpy(arrays["normals"]),
-        torch.from_numpy(arrays["faces"]).long(),
-        torch.from_numpy(arrays["part"]).long(),
-        torch.from_numpy(bits),
-    )
+        bits = np.unpackbits(file["visible"], axis=1, count=DIRECTIONS).astype(bool)
+        vertices, normals, faces, part = (torch.from_numpy(file[n]) for n in ("vertices", "normals", "faces", "part"))
+    return Surface(vertices, normals, faces.long(), part.long(), torch.from_numpy(bits))

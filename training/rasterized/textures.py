@@ -42,14 +42,12 @@ class TextureSet:
     maps: Tensor
 
 
-def read_textures(data: Path | None) -> list[TextureSet]:
-    """The texture sets of a data folder's manifest; none without a folder.
+def read_textures(data: Path) -> list[TextureSet]:
+    """The texture sets of a data folder's manifest.
 
     Raises:
         ArmError: a map cannot be read.
     """
-    if data is None:
-        return []
     found = []
     for entry in read_manifest(data)["textures"]:
         maps, sets = entry["maps"], []

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 from ...documents import markdown_table
 from ..scores.image_scores import best_constant
@@ -35,9 +36,9 @@ class Bar:
     over: str | None = None
 
 
-def geometry_score(name: str) -> Reader:
-    """Reads a measure of the shape in the cameras' own frame."""
-    return lambda result: getattr(result.geometry, name) if result.geometry is not None else None
+def geometry_score(name: str, frame: Literal["geometry", "aligned"] = "geometry") -> Reader:
+    """Reads a measure of the shape in the cameras' own frame, or of the aligned one."""
+    return lambda result: getattr(getattr(result, frame), name, None)
 
 
 def map_score(name: str, score: str) -> Reader:

@@ -101,15 +101,11 @@ def _sentence(subject: str, baseline: str, ours: float | None, theirs: float | N
 
 def _readers() -> list[Reader]:
     readers = [geometry_score(name) for name in MEASURES]
-    readers += [_aligned_reader(name) for name in MEASURES]
+    readers += [geometry_score(name, "aligned") for name in MEASURES]
     readers.append(lambda result: result.overlap)
     for name in (*MAPS[:1], SCALED, *MAPS[1:]):
         readers += [map_score(name, score) for score in ("psnr_in", "psnr_full", "ssim", "lpips")]
     return readers
-
-
-def _aligned_reader(name: str) -> Reader:
-    return lambda result: getattr(result.aligned, name) if result.aligned is not None else None
 
 
 def _digits(value: float | None, column: str) -> str:

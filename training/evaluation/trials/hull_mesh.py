@@ -13,11 +13,10 @@ from torch.nn.functional import grid_sample
 from arm_blender.graphics.cameras import project
 from arm_blender.graphics.surface.isosurface import extract
 from arm_blender.graphics.surface.sample_grid import IsosurfaceConfig
-from arm_blender.progress import Progress, silent
 from arm_blender.structures import TriangleMesh, ViewSet
 
 
-def visual_hull(views: ViewSet, resolution: int, progress: Progress = silent) -> TriangleMesh:
+def visual_hull(views: ViewSet, resolution: int) -> TriangleMesh:
     """The surface of the hull inside [-1, 1]^3.
 
     Args:
@@ -27,7 +26,7 @@ def visual_hull(views: ViewSet, resolution: int, progress: Progress = silent) ->
         EmptyMeshError: no point lies in all masks.
     """
     # Dense: a coarse pass could miss what lies between its samples, and the field is cheap.
-    return extract(silhouette_field(views), IsosurfaceConfig(resolution=resolution, iso=0.5, dense=True), progress)
+    return extract(silhouette_field(views), IsosurfaceConfig(resolution=resolution, iso=0.5, dense=True))
 
 
 def silhouette_field(views: ViewSet) -> Callable[[Tensor], Tensor]:
