@@ -48,7 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--lightings", type=int, default=1, help="rigs an object, each under its own light")
     parser.add_argument("--distance", type=float, default=6.0, help="of the Zero123++ rig")
     parser.add_argument("--hdri", type=Path, help="folder of environment maps; Blender's own by default")
-    parser.add_argument("--no-area-lights", action="store_true", help="light by the environment alone")
+    parser.add_argument(
+        "--no-area-lights", dest="area_lights", action="store_false", help="light by the environment alone"
+    )
     parser.add_argument("--any-material", action="store_true", help="take objects without roughness or metallic map")
     parser.add_argument("--obj-up", choices=("Y", "Z"), default="Y", help="the axis that points up in OBJ files")
     parser.add_argument("--max-triangles", type=int, help="larger objects are left out")
@@ -71,16 +73,8 @@ def run(args: argparse.Namespace) -> int:
     if args.layout == "views":
         with only_writer(args.output):
             return _render_views(assets, hdris, args, render)
-    sample = {
-        "cameras": args.cameras,
-        "views": args.views,
-        "lightings": args.lightings,
-        "distance": args.distance,
-        "area_lights": not args.no_area_lights,
-        "any_material": args.any_material,
-        "max_triangles": args.max_triangles,
-        "seed": args.seed,
-    }
+    names = ("cameras", "views", "lightings", "distance", "area_lights", "any_material", "max_triangles", "seed")
+    sample = {name: getattr(args, name) for name in names}
     settings = render | sample | {"hdris": [path.name for path in hdris], "own_hdris": own_hdris}
     words = {
         "output": str(args.output.resolve()),
