@@ -78,24 +78,12 @@ class SurfaceMaps:
     normal: Tensor
 
 
-@dataclass(frozen=True)
-class GeometryLossConfig:
-    """The paper's balance."""
-
-    depth: float = 0.5
-    """Weight of the absolute error of depth, the paper's lambda_z."""
-    mask: float = 1.0
-    """Weight of the squared error of the mask, lambda_M."""
-    normal: float = 0.2
-    """Weight of the distance of normals, lambda_n."""
+DEPTH_WEIGHT, MASK_WEIGHT, NORMAL_WEIGHT = 0.5, 1.0, 0.2
+"""The paper's weights of depth's absolute error (lambda_z), the mask's squared error (lambda_M) and the distance of
+normals (lambda_n)."""
 
 
-def geometry_loss(
-    found: SurfaceMaps,
-    truth: SurfaceMaps,
-    config: GeometryLossConfig = GeometryLossConfig(),
-    perceptual: Perceptual | None = None,
-) -> dict[str, Tensor]:
+def geometry_loss(found: SurfaceMaps, truth: SurfaceMaps, perceptual: Perceptual | None = None) -> dict[str, Tensor]:
     """The paper's L_geo, term by term; it is their sum.
 
     Depth and normals are compared where both have an object: pixels count by the opacity found. Otherwise a pixel that
@@ -122,9 +110,9 @@ def geometry_loss(
     else:
         normal = perceptual(*(0.5 * (maps.normal + 1.0) * maps.mask[:, None] for maps in (found, truth)))
     return {
-        "depth": config.depth * (away * seen).sum() / count,
-        "mask": config.mask * (found.mask - truth.mask).square().mean(),
-        "normal": config.normal * normal,
+        "depth": DEPTH_WEIGHT * (away * seen).sum() / count,
+        "mask": MASK_WEIGHT * (found.mask - truth.mask).square().mean(),
+        "normal": NORMAL_WEIGHT * normal,
     }
 
 

@@ -13,13 +13,14 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from pickle import UnpicklingError
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import torch
 from torch import Tensor, nn
 
 from arm_blender.errors import ArmError, CheckpointError
 from arm_blender.machine.files import whole_file
+from arm_blender.weight_files import checkpoints
 
 from . import blocks, distributed
 from .options import TrainerConfig, config
@@ -75,7 +76,16 @@ class Trainer(Generic[Model]):
 
     @classmethod
     def from_arguments(cls, model: Model, args: argparse.Namespace) -> "Trainer[Model]":
-        """As the options of every stage say, with a record in runs/NAME/ beside the output NAME.safetensors."""
+        """As the options of every stage say, with a record in runs/NAME/ beside the output NAME.safetensors.
+
+        A model of `model.config` begins with the weights of `args.start`, where they are given.
+
+        Raises:
+            CheckpointError: those are damaged, or of another network.
+        """
+        if args.start:
+            own: Any = model.config
+            checkpoints.restore(model, checkpoints.load(args.start, type(own))[1], args.start)
         return cls(model, config(args), args.output.with_suffix(".resume"), RunRecord.beside(args.output, vars(args)))
 
     def save(self) -> None:

@@ -22,7 +22,6 @@ from ..datasets.delighting_samples import DelightingSample, prepare, samples
 from ..datasets.gloss_samples import Shapes
 from ..datasets.point_samples import is_held_out
 from ..rasterized.pictures import read_library
-from ..run_record import RunRecord
 from ..trainer import Trainer
 
 logger = logging.getLogger(__name__)
@@ -67,11 +66,7 @@ def run(args: argparse.Namespace) -> int:
     lights = [fitted_light(sample) for sample in training]
     torch.manual_seed(args.seed)
     model = Delighting(DelightingConfig())
-    if args.start:
-        checkpoints.restore(model, checkpoints.load(args.start, DelightingConfig)[1], args.start)
-    loop = Trainer(
-        model, options.config(args), args.output.with_suffix(".resume"), RunRecord.beside(args.output, vars(args))
-    )
+    loop = Trainer.from_arguments(model, args)
 
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
         random = distributed.generator(args.seed, index)

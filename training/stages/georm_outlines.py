@@ -66,8 +66,6 @@ def run(args: argparse.Namespace) -> int:
     """Train and write the averaged weights."""
     torch.manual_seed(args.seed)
     model = VolumeGeoRM(VolumeGeoRMConfig())
-    if args.start:
-        checkpoints.restore(model, checkpoints.load(args.start, VolumeGeoRMConfig)[1], args.start)
     solids, held_out = outline_samples.load_solids(args.shards), point_samples.load_held_out(args.shards)
 
     def step(index: int) -> tuple[Tensor, dict[str, float]]:

@@ -6,42 +6,33 @@ to be solid behind the true surface and empty before it.
 """
 
 import argparse
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from arm_blender.models.paper.georm import GeoRM
-from arm_blender.models.paper.reconstruction import EncodedPlanes
 
 from ..datasets import view_samples
 from ..datasets.view_samples import Crop, ViewSample
-from ..losses import GeometryLossConfig, Perceptual, SurfaceMaps, geometry_loss
+from ..losses import SurfaceMaps, geometry_loss
 from ..picture_grid import grid, normals
 from ..surface_rendering import iso_surface, surface_maps
 from ..volume_rendering import RawDensity
 from . import rendered_views
-from .rendered_views import asked_for, encode, fit_georm
+from .rendered_views import StepConfig, asked_for, encode, fit_georm
 
 
 @dataclass(frozen=True)
-class SurfaceConfig:
+class SurfaceConfig(StepConfig):
     """What a step renders. The defaults are the paper's, and InstantMesh's where it is silent."""
 
     grid: int = 256
     """Samples of the density along a side of the box (paper: 256)."""
     side: int = 512
     """Pixels of a view. Faces much smaller than a pixel get little gradient at outlines: no coarser than the grid."""
-    views: int = 10
-    """Rendered in a step, those that are input among them (the paper's N); drawn anew where the rig has more."""
-    fewer_views: float = 0.0
-    """Share of the steps that show the network 1 to 5 of the six input views."""
     points: int = 4096
     """Rays that are asked where there is no surface."""
-    loss: GeometryLossConfig = GeometryLossConfig()
-    """Balance of the terms."""
-    perceptual: Perceptual | None = None
-    """LPIPS where its weights are at hand; without it normals are compared by their cosine."""
 
 
 TINY_SURFACE = SurfaceConfig(grid=64, side=96, views=4, fewer_views=0.1)
@@ -57,13 +48,6 @@ def sample_loss(
         bfloat16: encode so; the rest is in float32.
     """
     encoded = encode(model, sample, config.fewer_views, draws, bfloat16)
-    return rendering_loss(model, encoded, sample, config, draws)
-
-
-def rendering_loss(
-    model: GeoRM, encoded: EncodedPlanes, sample: ViewSample, config: SurfaceConfig, draws: torch.Generator
-) -> dict[str, Tensor]:
-    """As `sample_loss`, where the views are encoded already."""
 
     def field(points: Tensor) -> Tensor:
         return model.occupancy_logit(encoded, points)
@@ -75,7 +59,7 @@ def rendering_loss(
     if found is None:
         found = nothing(whole.truth)
         pull["pull"] = pull_towards_truth(field, whole, config, draws)
-    return {**geometry_loss(found, whole.truth, config.loss, config.perceptual), **pull}
+    return {**geometry_loss(found, whole.truth, config.perceptual), **pull}
 
 
 def rendered(field: RawDensity, sample: ViewSample, chosen: Tensor, config: SurfaceConfig) -> SurfaceMaps | None:
@@ -129,6 +113,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Train and write the averaged weights."""
-    config = TINY_SURFACE if args.preset == "tiny" else SurfaceConfig()
-    config = replace(config, **asked_for(args, config.fewer_views))
+    config = asked_for(args, TINY_SURFACE if args.preset == "tiny" else SurfaceConfig())
     return fit_georm(args, config, sample_loss, picture)

@@ -16,31 +16,23 @@ from arm_blender.models.paper.reconstruction import EncodedPlanes
 
 from ..datasets import view_samples
 from ..datasets.view_samples import Crop, ViewSample
-from ..losses import GeometryLossConfig, Perceptual, SurfaceMaps, geometry_loss
+from ..losses import SurfaceMaps, geometry_loss
 from ..picture_grid import grid, normals
 from ..volume_rendering import Rays, SamplingConfig, draw, render
 from . import rendered_views
-from .rendered_views import asked_for, encode, fit_georm
+from .rendered_views import StepConfig, asked_for, encode, fit_georm
 
 
 @dataclass(frozen=True)
-class VolumeConfig:
+class VolumeConfig(StepConfig):
     """What a step renders. The defaults are the paper's, and InstantMesh's where it is silent."""
 
     sampling: SamplingConfig = SamplingConfig()
     """Of each ray."""
-    views: int = 10
-    """Rendered in a step, those that are input among them (the paper's N); drawn anew where the rig has more."""
     window: int = 192
     """Pixels a side of what is rendered of a view. LPIPS needs 32."""
     resolutions: tuple[int, int] = (192, 512)
     """Pixels that the whole view has, least and most: the smaller, the more of the object is in a window."""
-    fewer_views: float = 0.0
-    """Share of the steps that show the network 1 to 5 of the six input views."""
-    loss: GeometryLossConfig = GeometryLossConfig()
-    """Balance of the terms."""
-    perceptual: Perceptual | None = None
-    """LPIPS where its weights are at hand; without it normals are compared by their cosine."""
 
 
 TINY_VOLUME = VolumeConfig(
@@ -86,7 +78,7 @@ def rendering_loss(
     side = int(torch.randint(least, most + 1, (), generator=draws))
     window = view_samples.crop(sample, chosen, side, config.window, draws)
     found = surface_maps(model, encoded, window, config, draws)
-    return geometry_loss(found, window.truth, config.loss, config.perceptual)
+    return geometry_loss(found, window.truth, config.perceptual)
 
 
 def picture(model: GeoRM, sample: ViewSample, config: VolumeConfig) -> Tensor:
@@ -111,5 +103,5 @@ def run(args: argparse.Namespace) -> int:
     least = 32 if args.lpips or args.feature_distance else 1  # Those distances take no less.
     if not least <= window <= config.resolutions[0]:
         raise ArmError(f"--window {window}: give {least} to {config.resolutions[0]}")
-    config = replace(config, **asked_for(args, config.fewer_views), window=window)
+    config = replace(asked_for(args, config), window=window)
     return fit_georm(args, config, sample_loss, picture)

@@ -21,31 +21,23 @@ from arm_blender.weight_files import checkpoints
 from .. import distributed
 from ..datasets import view_samples
 from ..datasets.gloss_samples import GlossSample, Shapes
-from ..losses import ImageLossConfig, Perceptual, image_loss
+from ..losses import image_loss
 from ..picture_grid import grid
 from ..surface_rendering import POINTS_AT_ONCE
 from . import rendered_views
-from .rendered_views import CONFIGS, ViewStage, asked_for, encode, fit
+from .rendered_views import CONFIGS, StepConfig, ViewStage, asked_for, encode, fit
 
 MAPS = ("roughness", "metallic")
 
 
 @dataclass(frozen=True)
-class GlossyConfig:
+class GlossyConfig(StepConfig):
     """What a step renders. The defaults are the paper's, and InstantMesh's where it is silent."""
 
     grid: int = 256
     """Samples of GeoRM's density along a side of the box (paper: 256)."""
     side: int = 512
     """Pixels of a view; at least 11, as SSIM needs."""
-    views: int = 10
-    """Rendered in a step, those that are input among them (the paper's N); drawn anew where the rig has more."""
-    fewer_views: float = 0.0
-    """Share of the steps that show the network 1 to 5 of the six input views."""
-    loss: ImageLossConfig = ImageLossConfig()
-    """Balance of the image loss, for either map."""
-    perceptual: Perceptual | None = None
-    """LPIPS where its weights are at hand; without it the loss has no perceptual term."""
 
 
 TINY_GLOSSY = GlossyConfig(grid=64, side=96, views=4, fewer_views=0.1)
@@ -64,7 +56,7 @@ def sample_loss(
     chosen = torch.randperm(len(sample.c2w), generator=draws)[: config.views]
     found, truth, mask = rendered(model, encoded, sample, chosen, config.side)
     return {
-        name: image_loss(found[:, k : k + 1], truth[:, k : k + 1], mask, config.loss, config.perceptual)
+        name: image_loss(found[:, k : k + 1], truth[:, k : k + 1], mask, perceptual=config.perceptual)
         for k, name in enumerate(MAPS)
     }
 
@@ -149,8 +141,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Train and write the averaged weights."""
     torch.manual_seed(args.seed)
-    config = TINY_GLOSSY if args.preset == "tiny" else GlossyConfig()
-    config = replace(config, **asked_for(args, config.fewer_views))
+    config = asked_for(args, TINY_GLOSSY if args.preset == "tiny" else GlossyConfig())
     model = start(args.preset, args.georm)
     shapes = Shapes(args.georm, config.grid, distributed.device(args.device), args.shapes)
     stage = ViewStage[GlossyRM, GlossSample](

@@ -21,7 +21,7 @@ from ..datasets import atlases
 from ..datasets.atlas_augmentation import augmented
 from ..datasets.atlases import Atlas
 from ..datasets.rasterized_atlases import RasterizedAtlases
-from ..losses import ImageLossConfig, Perceptual, image_loss
+from ..losses import Perceptual, image_loss
 from ..lpips import Lpips
 from ..options import TrainerConfig
 from ..rasterized.pictures import read_library
@@ -41,8 +41,6 @@ class FitConfig:
     """Truth views compared in a step, drawn anew each time; fewer are faster and noisier."""
     validate: int = 16
     """Held-out samples at most in a validation."""
-    loss: ImageLossConfig = ImageLossConfig()
-    """Balance of the image loss."""
     perceptual: Perceptual | None = None
     """LPIPS where its weights are at hand; without it the loss has no perceptual term."""
 
@@ -130,7 +128,7 @@ def atlas_loss(albedo: Tensor, baked: Tensor, atlas: Atlas, views: Tensor, setti
     lookup = atlas.lookup.part(views, rows, columns)
     shown = lookup.render(torch.cat([baked, albedo])).split(3, dim=1)
     of_baked, of_albedo = (
-        image_loss(srgb_from_linear(x), y[views, :, rows, columns], lookup.mask, settings.loss, settings.perceptual)
+        image_loss(srgb_from_linear(x), y[views, :, rows, columns], lookup.mask, perceptual=settings.perceptual)
         for x, y in zip(shown, (atlas.baked, atlas.albedo), strict=True)
     )
     return of_baked + of_albedo

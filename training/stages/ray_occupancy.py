@@ -87,10 +87,7 @@ def validate(model: RayOccupancy, views: list[OneViewBatch]) -> dict[str, float]
 def run(args: argparse.Namespace) -> int:
     """Train and write the averaged weights."""
     torch.manual_seed(args.seed)
-    config = RayOccupancyConfig()
-    model = RayOccupancy(config)
-    if args.start:
-        checkpoints.restore(model, checkpoints.load(args.start, RayOccupancyConfig)[1], args.start)
+    model = RayOccupancy(RayOccupancyConfig())
     solids = outline_samples.load_solids(args.shards, cloud=one_view_samples.CLOUD)
     held_out = held_out_views(outline_samples.load_solids(args.shards, held_out=True, cloud=one_view_samples.CLOUD))
     drawn = one_view_samples.Views(solids, shards.real_objects(args.data), args.points, args.seed)
@@ -101,5 +98,5 @@ def run(args: argparse.Namespace) -> int:
 
     averaged = Trainer.from_arguments(model, args).run(step, lambda averaged: validate(averaged, held_out))
     if distributed.rank() == 0:
-        checkpoints.save(args.output, averaged.state_dict(), config, name=NAME, half=True)
+        checkpoints.save(args.output, averaged.state_dict(), model.config, name=NAME, half=True)
     return 0

@@ -49,6 +49,8 @@ TINY = ReconstructionConfig(
 CONFIGS = {"tiny": TINY, "paper": PAPER, "instantmesh": INSTANTMESH}
 """What --preset names."""
 
+Config = TypeVar("Config", bound="StepConfig")
+
 VALIDATED = 16
 """Held-out samples at most in a validation."""
 
@@ -77,6 +79,19 @@ class ViewStage(Generic[Model, Sample]):
     picture: Callable[[Model, Sample], Tensor]
 
 
+@dataclass(frozen=True, kw_only=True)
+class StepConfig:
+    """What is shown and rendered in a step of every stage; the default is the paper's."""
+
+    views: int = 10
+    """Rendered in a step, those that are input among them (the paper's N); drawn anew where the rig has more."""
+    fewer_views: float = 0.0
+    """Share of the steps that show the network 1 to 5 of the six input views."""
+    perceptual: Perceptual | None = None
+    """LPIPS where its weights are at hand; without it normals are compared by their cosine, and images have no
+    perceptual term."""
+
+
 def add_arguments(parser: argparse.ArgumentParser, presets: tuple[str, ...] = tuple(CONFIGS)) -> None:
     """What `python -m training fit` takes for these stages; the rate is the paper's."""
     options.add_arguments(parser, minutes=60.0, learning_rate=4e-5, presets=presets)
@@ -87,14 +102,15 @@ def add_arguments(parser: argparse.ArgumentParser, presets: tuple[str, ...] = tu
     parser.add_argument("--device", default="cpu", help="cpu or cuda; under torchrun each process takes its own")
 
 
-def asked_for(args: argparse.Namespace, fewer_views: float) -> dict[str, Any]:
-    """The fields of a stage's config that the arguments say: "perceptual", and "fewer_views" or the given default."""
+def asked_for(args: argparse.Namespace, config: Config) -> Config:
+    """A stage's config with what the arguments say."""
     perceptual: Perceptual | None
     if args.feature_distance:
         perceptual = FeatureDistance.installed()
     else:
         perceptual = Lpips.from_file(args.lpips) if args.lpips else None
-    return {"perceptual": perceptual, "fewer_views": fewer_views if args.fewer_views is None else args.fewer_views}
+    fewer_views = config.fewer_views if args.fewer_views is None else args.fewer_views
+    return replace(config, perceptual=perceptual, fewer_views=fewer_views)
 
 
 def encode(
@@ -146,8 +162,6 @@ def fit(args: argparse.Namespace, model: Model, stage: ViewStage[Model, Sample])
         ArmError: there are no samples to train on.
     """
     training, held_out = split(args.shards)
-    if args.start:
-        checkpoints.restore(model, checkpoints.load(args.start, ReconstructionConfig)[1], args.start)
     device = distributed.device(args.device)
     loop = Trainer.from_arguments(model.to(device), args)
 
