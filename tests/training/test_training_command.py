@@ -40,7 +40,9 @@ def fake_stage(monkeypatch):
     stage.add_arguments, stage.run = add_arguments, run
     importing = importlib.import_module
     monkeypatch.setattr(
-        importlib, "import_module", lambda name: stage if name == command.STAGES["georm"][0] else importing(name)
+        importlib,
+        "import_module",
+        lambda name: stage if name == command.STAGES["georm-outlines"][0] else importing(name),
     )
     monkeypatch.delenv("ARM_DATA", raising=False)
     return stage
@@ -48,15 +50,15 @@ def fake_stage(monkeypatch):
 
 def test_a_stage_gets_its_arguments_and_its_status_is_returned(fake_stage, tmp_path):
     fake_stage.action = lambda args: 3
-    assert command.main(["fit", "georm", "--data", str(tmp_path), "--steps", "7"]) == 3
+    assert command.main(["fit", "georm-outlines", "--data", str(tmp_path), "--steps", "7"]) == 3
     assert (fake_stage.seen.data, fake_stage.seen.steps) == (tmp_path, 7)
 
 
 def test_the_data_folder_comes_from_the_environment_unless_it_is_given(fake_stage, monkeypatch, tmp_path):
     monkeypatch.setenv("ARM_DATA", str(tmp_path))
-    command.main(["fit", "georm"])
+    command.main(["fit", "georm-outlines"])
     assert fake_stage.seen.data == tmp_path
-    command.main(["fit", "georm", "--data", "elsewhere"])
+    command.main(["fit", "georm-outlines", "--data", "elsewhere"])
     assert fake_stage.seen.data == Path("elsewhere")
 
 
@@ -65,8 +67,10 @@ def test_a_users_error_is_one_line_and_status_one(fake_stage, capsys):
         raise InputImageError("mug.png: no foreground found")
 
     fake_stage.action = fail
-    assert command.main(["fit", "georm"]) == 1
-    assert capsys.readouterr().err.splitlines() == ["python -m training fit georm: mug.png: no foreground found"]
+    assert command.main(["fit", "georm-outlines"]) == 1
+    assert capsys.readouterr().err.splitlines() == [
+        "python -m training fit georm-outlines: mug.png: no foreground found"
+    ]
 
 
 def test_a_bug_keeps_its_traceback(fake_stage):
@@ -75,16 +79,18 @@ def test_a_bug_keeps_its_traceback(fake_stage):
 
     fake_stage.action = fail
     with pytest.raises(ValueError, match="shape"):
-        command.main(["fit", "georm"])
+        command.main(["fit", "georm-outlines"])
 
 
-@pytest.mark.parametrize("words", [[], ["paint"], ["fit"], ["fit", "paint"], ["fit", "georm", "--steps", "many"]])
+@pytest.mark.parametrize(
+    "words", [[], ["paint"], ["fit"], ["fit", "paint"], ["fit", "georm-outlines", "--steps", "many"]]
+)
 def test_bad_usage_is_status_two(fake_stage, words, capsys):
     assert command.main(words) == 2
     assert "usage: python -m training" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("words", [["--help"], ["fit", "--help"], ["fit", "georm", "--help"]])
+@pytest.mark.parametrize("words", [["--help"], ["fit", "--help"], ["fit", "georm-outlines", "--help"]])
 def test_help_is_status_zero(fake_stage, words, capsys):
     assert command.main(words) == 0
     assert "usage: python -m training" in capsys.readouterr().out

@@ -98,8 +98,9 @@ def ablated(config: AblatedConfig) -> nn.Module:
     return ABLATIONS[config.ablation](config)
 
 
-# So that the pipeline, which knows nothing of ablations, runs their weights where they are studied.
-networks.NETWORKS["instant_albedo"][AblatedConfig] = ablated
+def register() -> None:
+    """Have the pipeline, which knows nothing of ablations, run their weights in this process."""
+    networks.NETWORKS["instant_albedo"][AblatedConfig] = ablated
 
 
 def without(config: InstantAlbedoConfig, ablation: str) -> InstantAlbedoConfig:

@@ -84,6 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Fit what is not fitted yet, measure, and write the table."""
     check_output(args.output)
+    ablated_albedo.register()
     fits = fitted(args)
     others = {system(ablation): settings for ablation, settings in fits.items()}
     trial = Trial(Settings(preset="small"), PROTOCOL, align=False, cycles=False, one_view=False, others=others)

@@ -27,7 +27,7 @@ from training.rendering.camera_rigs import random_views
 from training.rendering.shards import save_arrays
 from training.stages import instant_albedo, material_prior
 from training.stages.instant_albedo_start import Start
-from training.studies.ablated_albedo import without
+from training.studies.ablated_albedo import AblatedConfig, ablated, without
 from training.trainer import TrainerConfig
 
 ENCODER = MaterialEncoderConfig(VitConfig(8, 16, 4, 2, 4, 4), (0, 1, 2, 3), 32, 8, 4)
@@ -116,7 +116,8 @@ def unseen(sample):
 
 
 @pytest.mark.parametrize("ablation", ["none", "local-unet"])
-def test_extreme_inputs_give_finite_gradients(sample, ablation):
+def test_extreme_inputs_give_finite_gradients(sample, ablation, monkeypatch):
+    monkeypatch.setitem(networks.NETWORKS["instant_albedo"], AblatedConfig, ablated)
     torch.manual_seed(0)
     model = networks.build("instant_albedo", without(TINY, ablation))
     for atlas in (unseen(sample), sample):
