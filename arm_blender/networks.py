@@ -132,7 +132,7 @@ def running(module: nn.Module, settings: Settings, report: Report, check: Callab
     """A network at work: in the precision that suits it, which the report names where it is not float32.
 
     Args:
-        check: called before every block of the network; what it raises ends the pass there.
+        check: called before every layer of the network; what it raises ends the pass there.
     """
     dtype = chosen(settings.precision, settings.device, is_large(module))
     if dtype != torch.float32:

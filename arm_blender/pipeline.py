@@ -152,8 +152,10 @@ def _encoded(
         network: Any = networks.load(name, settings)  # Of several classes, by the preset.
         reading = partial(progress, 0.2, f"{title}: reading the views")
         reading()
+        pictures = network_views(views, network.config)
+        reading()
         with networks.running(network, settings, report, reading):
-            encoded = network.encode(network_views(views, network.config)).float()
+            encoded = network.encode(pictures).float()
     _require_numbers(encoded.is_finite, name, views, settings)
     return network, encoded
 

@@ -6,26 +6,19 @@ from contextlib import contextmanager
 from torch import nn
 
 
-def blocks(network: nn.Module) -> list[nn.Module]:
-    """The network and all that it keeps in lists and sequences: stages, their residual blocks, attentions, layers."""
-    found = {network: None}  # A dictionary keeps the order, and each block once.
-    for module in network.modules():
-        if isinstance(module, nn.ModuleList | nn.Sequential):
-            found |= dict.fromkeys(module)
-    return list(found)
-
-
 @contextmanager
 def interruptible(networks: Iterable[nn.Module], check: Callable[[], None]) -> Iterator[None]:
-    """Calls `check` before every block of `networks` runs; what it raises ends the pass there.
+    """Calls `check` before every module of `networks` runs, down to single layers; what it raises ends the pass there.
 
     The networks are left without hooks, however the block ends.
     """
 
-    def before(block: nn.Module, args: object) -> None:
+    def before(module: nn.Module, args: object) -> None:
         check()
 
-    handles = [block.register_forward_pre_hook(before) for network in networks for block in blocks(network)]
+    # A dictionary keeps the order, and each module once.
+    modules = dict.fromkeys(module for network in networks for module in network.modules())
+    handles = [module.register_forward_pre_hook(before) for module in modules]
     try:
         yield
     finally:

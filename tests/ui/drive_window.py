@@ -25,6 +25,9 @@ ESC_AT = 400, 400
 """A pixel of the 3D view, where no button is."""
 STEP = 0.005
 """Seconds between two looks for an event."""
+SETTLED = 5.0
+"""Seconds after a result until the 3D view has smoothed its edges: drawn by the processor, each redraw of the view with
+a new object in it holds up every event for a quarter of a second."""
 ENVIRONMENTS = ("studio", "sunset", "sunrise")
 """Those of the preview, and one whose light comes from one side."""
 
@@ -56,6 +59,7 @@ def cancel(watch: Watch) -> Scenario:
     yield from click_generate()
     while module("generate.operators").is_running():
         yield STEP
+    yield SETTLED
     stages = list(dict.fromkeys(stage_of(message) for moment, message in watch.reports if moment >= begun))
     rows = dict.fromkeys(stages)
     for stage in stages:
