@@ -25,6 +25,7 @@ FLOORS: list[set[str]] = [  # Of arm_blender: a room knows itself and those on l
     {"models.paper", "models.small"},
     {"weight_files"},
     {"views"},
+    {"photographs"},
     {"asset_record", "quality_levels", "report"},
     {"config", "export"},
     {"networks"},
@@ -56,7 +57,19 @@ MOST_MODULES = 20
 """In one room; a larger one is cut."""
 MOST_AT_THE_ROOT = 12
 """Modules of arm_blender beside `__init__` and `__main__`: the story and its nouns."""
-OPTIONAL = {"diffusers", "transformers", "ray", "webdataset", "psutil", "resource", "onnxruntime", "rembg"}
+OPTIONAL = {
+    "diffusers",
+    "transformers",
+    "ray",
+    "webdataset",
+    "psutil",
+    "resource",
+    "onnxruntime",
+    "rembg",
+    "pycolmap",
+    "pillow_heif",
+    "av",
+}
 """Extras that a user may install; imported inside functions only."""
 
 

@@ -1,0 +1,55 @@
+"""What the parts of this room hand to each other: photographs with their lenses and poses."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Lens:
+    """How a camera maps rays to pixels, by COLMAP's camera models (https://colmap.github.io/cameras.html).
+
+    Attributes:
+        model: COLMAP's name, such as "SIMPLE_RADIAL" or "OPENCV".
+        parameters: in COLMAP's order and units: pixels for focal lengths and centre, the rest without.
+        width: pixels of the picture, as it is shown upright.
+        height: as `width`.
+    """
+
+    model: str
+    parameters: tuple[float, ...]
+    width: int
+    height: int
+
+
+@dataclass(frozen=True)
+class PosedPhotograph:
+    """A photograph whose camera is known.
+
+    Attributes:
+        path: of the picture.
+        c2w: (4, 4) float64, rigid, OpenGL axes: the camera looks along -Z.
+        lens: of that picture.
+        mask: of a picture whose grey level is the object's alpha, where one lies beside it.
+    """
+
+    path: Path
+    c2w: Tensor
+    lens: Lens
+    mask: Path | None = None
+
+
+@dataclass(frozen=True)
+class Capture:
+    """Photographs of one object, posed in one frame.
+
+    Attributes:
+        photographs: those with a camera.
+        points: (P, 3) float64, solved surface points in that frame; may be none.
+        left_out: of every other picture its name, and why it has no camera.
+    """
+
+    photographs: tuple[PosedPhotograph, ...]
+    points: Tensor
+    left_out: dict[str, str] = field(default_factory=dict)
