@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields, replace
 import torch
 from torch import Tensor
 
+from .graphics.borders import Rectangle
 from .graphics.cameras import Camera, directions_to
 
 
@@ -18,12 +19,16 @@ class ViewSet:
         cameras: V cameras of that size.
         weights: (V,) float32 >= 0: how much each view counts in the texture; 1 by default.
         name: what the result is called.
+        known: of each view the pixels that a camera took, where others were added around them; None where none were.
+        ground: height (world Z) of what the object stands on, where that is known.
     """
 
     images: Tensor
     cameras: tuple[Camera, ...]
     weights: Tensor
     name: str
+    known: tuple[Rectangle, ...] | None = None
+    ground: float | None = None
 
     def __post_init__(self) -> None:
         views = self.images.shape[0]
@@ -31,11 +36,19 @@ class ViewSet:
             raise ValueError(f"images must be (V, 4, H, W), got {tuple(self.images.shape)}")
         if len(self.cameras) != views or self.weights.shape != (views,):
             raise ValueError(f"{views} views, {len(self.cameras)} cameras, weights {tuple(self.weights.shape)}")
+        if self.known is not None and len(self.known) != views:
+            raise ValueError(f"{views} views, known pixels of {len(self.known)}")
+
+    @property
+    def rectangles(self) -> tuple[Rectangle, ...]:
+        """Of each view the pixels that a camera took."""
+        height, width = self.images.shape[2:]
+        return ((0, 0, width, height),) * len(self.cameras) if self.known is None else self.known
 
     def to(self, device: torch.device | str) -> "ViewSet":
         """The same on another device."""
         cameras = tuple(camera.to(device) for camera in self.cameras)
-        return ViewSet(self.images.to(device), cameras, self.weights.to(device), self.name)
+        return replace(self, images=self.images.to(device), cameras=cameras, weights=self.weights.to(device))
 
     def chosen(self) -> "ViewSet":
         """Without the views of weight 0: they shape nothing and colour nothing."""
@@ -44,7 +57,9 @@ class ViewSet:
     def only(self, indices: Sequence[int]) -> "ViewSet":
         """The views with these indices, in this order."""
         keep = list(indices)
-        return ViewSet(self.images[keep], tuple(self.cameras[i] for i in keep), self.weights[keep], self.name)
+        cameras = tuple(self.cameras[i] for i in keep)
+        known = None if self.known is None else tuple(self.known[i] for i in keep)
+        return replace(self, images=self.images[keep], cameras=cameras, weights=self.weights[keep], known=known)
 
 
 @dataclass(frozen=True)

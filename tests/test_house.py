@@ -16,7 +16,7 @@ FLOORS: list[set[str]] = [  # Of arm_blender: a room knows itself and those on l
     {"errors", "version", "progress"},
     {"knobs"},
     {"machine"},
-    {"graphics.cameras"},
+    {"graphics.borders", "graphics.cameras"},
     {"structures"},
     {"graphics"},
     {"graphics.raster", "graphics.surface", "graphics.light"},

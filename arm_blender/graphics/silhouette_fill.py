@@ -39,6 +39,9 @@ FALLOFF = 0.5
 ROUNDS = 3
 """Of looking what rays lack and raising it: what is raised is smoothed, and what that takes is seen by the next."""
 
+GROUND_GAIN = 50.0
+"""Logits for each world unit above the ground, as for each that a point lies within an outline."""
+
 EMPTY = -20.0
 """The logit of what lies outside of the visual hull by more than a cell."""
 
@@ -52,12 +55,19 @@ def filled(
 ) -> Callable[[Tensor], Tensor]:
     """The field (P, 3) -> (P,) of one object, carved and then raised until it fills the silhouettes.
 
+    Nothing is below what it stands on: what no view shows ends there.
+
     Args:
         logit, outlines, chunk, progress: as of `fill`.
         carved: logits taken from the field before.
     """
-    added = -carved + fill(lambda points: logit(points) - carved, outlines, chunk, progress)
-    return lambda points: logit(points) + sample_volume(added, points[None])[0, :, 0]
+    ground = outlines.ground
+
+    def above(values: Tensor, points: Tensor) -> Tensor:
+        return values if ground is None else torch.minimum(values, GROUND_GAIN * (points[:, 2] - ground))
+
+    added = -carved + fill(lambda points: above(logit(points) - carved, points), outlines, chunk, progress)
+    return lambda points: above(logit(points) + sample_volume(added, points[None])[0, :, 0], points)
 
 
 def fill(logit: Callable[[Tensor], Tensor], outlines: Outlines, chunk: int, progress: Progress = silent) -> Tensor:

@@ -58,11 +58,16 @@ class Outlines:
         silhouette: (B, V, 2, S, S) coverage in [0, 1] and signed distance to the silhouette, pixels, inside positive.
         c2w: (B, V, 4, 4).
         K: (B, V, 3, 3) pixels of an image of S x S.
+        told: (B, V, 4) left, top, right and bottom in [-1, 1] of what each view tells, as of `borders.continued`; None
+            where that is all of every picture.
+        ground: height (Z) of what the object stands on, where that is known.
     """
 
     silhouette: Tensor
     c2w: Tensor
     K: Tensor
+    told: Tensor | None = None
+    ground: float | None = None
 
     @property
     def range(self) -> Tensor:
@@ -79,8 +84,15 @@ class Outlines:
         near = depth.clamp(min=NEAREST)
         K = self.K.unsqueeze(-3)
         grid = (2.0 * image_points(local, near, K) / size - 1.0).clamp(-2.0, 2.0)
-        framed = ((grid.abs().amax(dim=-1) <= 1.0) & (depth > NEAREST)).to(points)
+        framed = (self.tells(grid) & (depth > NEAREST)).to(points)
         return Projection(grid, local, depth, near / K[..., 0, 0], framed)
+
+    def tells(self, grid: Tensor) -> Tensor:
+        """(B, V, P) bool: whether a view tells of the places (B, V, P, 2) in its picture, in [-1, 1]."""
+        if self.told is None:
+            return grid.abs().amax(dim=-1) <= 1.0
+        low, high = self.told[..., None, :2], self.told[..., None, 2:]
+        return ((grid >= low) & (grid <= high)).all(dim=-1)
 
     def read(self, seen: Projection) -> tuple[Tensor, Tensor]:
         """(B, V, P) coverage, and signed silhouette distance in world units at the points' depths."""
@@ -88,8 +100,12 @@ class Outlines:
         return coverage, torch.where(seen.framed > 0, pixels * seen.pixel, UNFRAMED)
 
     def hull_distance(self, points: Tensor) -> Tensor:
-        """(B, P) least signed silhouette distance over the views, world units: positive inside the visual hull."""
-        return self.read(self.project(points))[1].amin(dim=1)
+        """(B, P) least signed silhouette distance over the views, world units: positive inside the visual hull.
+
+        Below the ground nothing is inside.
+        """
+        distance = self.read(self.project(points))[1].amin(dim=1)
+        return distance if self.ground is None else torch.minimum(distance, points[..., 2] - self.ground)
 
     def hull_depth(self, side: int, steps: int = 24) -> Tensor:
         """Where the ray of every pixel first meets the visual hull within the box, as `first_met`."""
@@ -102,7 +118,14 @@ class Outlines:
     def item(self, index: int) -> "Outlines":
         """Those of one object, B = 1."""
         only = slice(index, index + 1)
-        return Outlines(self.silhouette[only], self.c2w[only], self.K[only])
+        told = None if self.told is None else self.told[only]
+        return Outlines(self.silhouette[only], self.c2w[only], self.K[only], told, self.ground)
+
+    def apart(self) -> "Outlines":
+        """Of each view its own, as an object with one view: B x V objects."""
+        silhouette, c2w, K = (part.flatten(0, 1).unsqueeze(1) for part in (self.silhouette, self.c2w, self.K))
+        told = None if self.told is None else self.told.flatten(0, 1).unsqueeze(1)
+        return Outlines(silhouette, c2w, K, told, self.ground)
 
     @torch.no_grad()
     def first_met(self, side: int, solid: Callable[[int, Tensor], Tensor], steps: int) -> Tensor:
@@ -142,7 +165,7 @@ class Outlines:
         Args:
             side, solid, steps: as in `first_met`. lowest: what counts outside of the box.
         Returns:
-            (B, V, side, side); infinity where the view shows nothing.
+            (B, V, side, side); infinity where the view shows nothing, or tells nothing.
         """
         result = self.c2w.new_full((*self.c2w.shape[:2], side, side), torch.inf)
         for item in range(len(self.c2w)):
@@ -154,7 +177,10 @@ class Outlines:
                 value = torch.where(points.abs().amax(dim=1) <= 1.0, solid(item, points), lowest)
                 best = torch.maximum(best, value)
             result[item][pixels] = best
-        return result
+        centers = (torch.arange(side, device=result.device) + 0.5) * (2.0 / side) - 1.0
+        rows, columns = torch.meshgrid(centers, centers, indexing="ij")
+        places = torch.stack([columns, rows], dim=-1).flatten(0, 1).expand(*result.shape[:2], -1, -1)
+        return result.masked_fill(~self.tells(places).view_as(result), torch.inf)
 
     def _rays(self, item: int, side: int, coverage: float) -> tuple[tuple[Tensor, ...], Tensor, Tensor, Tensor]:
         """The pixels of an object's views, `side` a side, that are covered by more than `coverage`, and their rays.

@@ -112,6 +112,8 @@ def view_set(
         if max(views[0].image.shape[1:]) == preprocess.MAXIMUM_SIDE:
             left_out(f"pixels beyond {preprocess.MAXIMUM_SIDE} a side", "no texture can hold them")
     views = [views[index] for index in seeing]
+    height, width = views[0].image.shape[1:]
+    known = tuple(view.known or (0, 0, width, height) for view in views)
     if not any(view.weight > 0.0 for view in views):
         raise InputImageError(f"{path}: every view that shows something has weight 0; give one a positive weight")
     return ViewSet(
@@ -119,6 +121,8 @@ def view_set(
         cameras=tuple(view.camera for view in views),
         weights=torch.tensor([view.weight for view in views]),
         name=_name(path),
+        known=None if all(view.known is None for view in views) else known,
+        ground=views[0].ground,
     )
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from torch import Tensor
 
 from ..errors import InputImageError
+from ..graphics.borders import Rectangle, scaled
 from ..graphics.cameras import Camera
 from ..progress import Progress
 from . import preprocess
@@ -24,12 +25,16 @@ class View:
         image: (4, H, W) linear Rec.709, straight alpha, cut out.
         camera: of that size.
         weight: how much it counts in the texture, >= 0.
+        known: the pixels of `image` that a camera took, where others were added around them; None where none were.
+        ground: height (world Z) of what the object stands on, where that is known.
     """
 
     path: Path
     image: Tensor
     camera: Camera
     weight: float = 1.0
+    known: Rectangle | None = None
+    ground: float | None = None
 
 
 def view_alone(
@@ -41,10 +46,10 @@ def view_alone(
         InputImageError: the picture does not do.
     """
     progress(0.0, f"reading {path.name}")
-    image, longest = preprocess.crop_single(foreground(read_image(path), path, heard), path)
+    image, longest, known = preprocess.crop_single(foreground(read_image(path), path, heard), path)
     elevation_deg = 10.0 if elevation_deg is None else elevation_deg
     fovy_deg = 30.0 if fovy_deg is None else fovy_deg
-    return [View(path, image, front_camera(longest, image.shape[1], elevation_deg, fovy_deg))]
+    return [View(path, image, front_camera(longest, image.shape[1], elevation_deg, fovy_deg), known=known)]
 
 
 def views_of_rig(folder: Path, distance: float, fovy_deg: float | None, progress: Progress, heard: Heard) -> list[View]:
@@ -82,6 +87,9 @@ def posed_views(transforms: Path, progress: Progress, heard: Heard = unheard) ->
         progress(index / len(frames), f"reading {frame.image.name}")
         image = foreground(read_image(frame.image), frame.image, heard)
         camera = frame.camera(image.shape[2], image.shape[1])
-        image = preprocess.limit_size(image, frame.image)
-        views.append(View(frame.image, image, camera.resized(image.shape[2], image.shape[1]), frame.weight))
+        limited = preprocess.limit_size(image, frame.image)
+        known = frame.known(image.shape[2], image.shape[1])
+        known = None if known is None else scaled(known, limited.shape[2] / image.shape[2])
+        camera = camera.resized(limited.shape[2], limited.shape[1])
+        views.append(View(frame.image, limited, camera, frame.weight, known, frame.ground))
     return views

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from ..errors import InputImageError
+from ..graphics.borders import Rectangle, scaled
 from .masks import sees_something
 
 FOREGROUND_RATIO = 0.85
@@ -39,15 +40,15 @@ def limit_size(image: Tensor, path: Path) -> Tensor:
     return _resized(image, max(1, round(height * scale)), max(1, round(width * scale)))
 
 
-def crop_single(image: Tensor, path: Path) -> tuple[Tensor, float]:
+def crop_single(image: Tensor, path: Path) -> tuple[Tensor, float, Rectangle]:
     """The square window around the object of a single picture, at `FOREGROUND_RATIO`.
 
     Args:
         image: (4, H, W) linear, with a foreground.
         path: for the message.
     Returns:
-        (4, S, S), transparent where the window reaches beyond the picture, and the longer side of the object's
-        bounding box in its pixels.
+        (4, S, S), transparent where the window reaches beyond the picture; the longer side of the object's bounding
+        box in its pixels; and the pixels that are of the picture.
     Raises:
         InputImageError: nothing is opaque.
     """
@@ -67,7 +68,9 @@ def crop_single(image: Tensor, path: Path) -> tuple[Tensor, float]:
     window_row, window_column = source_top - window_top, source_left - window_left
     window[:, window_row : window_row + source.shape[1], window_column : window_column + source.shape[2]] = source
     limited = limit_size(window, path)
-    return limited, longest * limited.shape[1] / side
+    scale = limited.shape[1] / side
+    own = window_column, window_row, window_column + source.shape[2], window_row + source.shape[1]
+    return limited, longest * scale, scaled(own, scale)
 
 
 def same_size(images: list[Tensor], paths: list[Path]) -> None:

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from ..errors import CameraError, InputImageError
+from ..graphics.borders import Rectangle, scaled
 from ..graphics.cameras import Camera, project
 from ..structures import ViewSet
 
@@ -89,7 +90,8 @@ def normalise(views: ViewSet) -> tuple[ViewSet, SceneFrame]:
         raise CameraError(f"{views.name}: the one view looks past [-1, 1]^3; bring the object there, or add views")
     low, high = _hull_bounds(_silhouettes(views, _FINE), views.name)
     frame = SceneFrame((low + high) / 2.0, float((high - low).max()) / _TARGET)
-    moved = replace(views, cameras=tuple(frame.normalised(camera) for camera in views.cameras))
+    ground = None if views.ground is None else (views.ground - float(frame.center[2])) / frame.scale
+    moved = replace(views, cameras=tuple(frame.normalised(camera) for camera in views.cameras), ground=ground)
     return moved, frame
 
 
@@ -101,20 +103,22 @@ class _Silhouette:
         mask: (h, w) bool: the pixel holds some of the object.
         wide: (h, w) bool: it or a neighbour does.
         camera: on the CPU.
+        known: the pixels that the camera took.
     """
 
     mask: Tensor
     wide: Tensor
     camera: Camera
+    known: Rectangle
 
     def holds(self, points: Tensor) -> Tensor:
         """(P,) bool: in front of the camera and in the wide mask; beyond the picture, where the object is cut off."""
         pixels, depth = project(points, self.camera)
         # Points near the plane of the pinhole land anywhere: the clamp keeps them in the range of integers.
         column, row = pixels.clamp(-1.0, 1e6).floor().long().unbind(-1)
-        height, width = self.mask.shape
-        in_picture = (column >= 0) & (row >= 0) & (column < width) & (row < height)
-        nearest = row.clamp(0, height - 1) * width + column.clamp(0, width - 1)
+        left, top, right, bottom = self.known
+        in_picture = (column >= left) & (row >= top) & (column < right) & (row < bottom)
+        nearest = row.clamp(top, bottom - 1) * self.mask.shape[1] + column.clamp(left, right - 1)
         return (depth > 0.0) & torch.where(in_picture, self.wide.flatten()[nearest], self.mask.flatten()[nearest])
 
 
@@ -129,7 +133,8 @@ def _silhouettes(views: ViewSet, side: int) -> list[_Silhouette]:
             raise InputImageError(f"{views.name}: view {index} shows nothing; give it an alpha, or leave it out")
     wide = torch.nn.functional.max_pool2d(masks, 3, stride=1, padding=1)
     cameras = (camera.to("cpu").resized(size[1], size[0]) for camera in views.cameras)
-    return [_Silhouette(*one) for one in zip(masks[:, 0] > 0.5, wide[:, 0] > 0.5, cameras, strict=True)]
+    known = [scaled(one, size[1] / width, size[0] / height) for one in views.rectangles]
+    return [_Silhouette(*one) for one in zip(masks[:, 0] > 0.5, wide[:, 0] > 0.5, cameras, known, strict=True)]
 
 
 def _inside_all(points: Tensor, silhouettes: list[_Silhouette]) -> Tensor:

@@ -1,7 +1,9 @@
 """transforms.json, in and out: the convention of the NeRF-synthetic set, and what nerfstudio and instant-ngp add.
 
 A frame names a picture and its camera to world matrix in OpenGL axes. The intrinsics are `camera_angle_x` (radians), or
-`fl_x, fl_y, cx, cy` in pixels of a picture of `w` x `h`; global, or per frame, which goes first. Ours is `weight`.
+`fl_x, fl_y, cx, cy` in pixels of a picture of `w` x `h`; global, or per frame, which goes first. Ours are `weight`,
+`known` (left, top, right and bottom of the pixels that a camera took, where others were added around them), and
+`ground` (height, Z, of what the object stands on).
 """
 
 import json
@@ -15,6 +17,7 @@ import torch
 from torch import Tensor
 
 from ..errors import CameraError, InputImageError
+from ..graphics.borders import Rectangle
 from ..graphics.cameras import Camera
 from ..machine.files import write_json
 from .image_io import SUFFIXES
@@ -55,6 +58,28 @@ class PosedFrame:
     fields: dict[str, Any]
     weight: float
     where: str
+
+    @property
+    def ground(self) -> float | None:
+        """Height (Z) of what the object stands on; None where the file does not say."""
+        return self._number("ground")
+
+    def known(self, width: int, height: int) -> Rectangle | None:
+        """The pixels of the picture, of `width` x `height`, that a camera took; None where the file does not say.
+
+        Raises:
+            CameraError: they are no rectangle in the picture.
+        """
+        value = self.fields.get("known")
+        if value is None:
+            return None
+        whole = isinstance(value, list) and len(value) == 4 and all(type(side) is int for side in value)
+        if not whole or not (0 <= value[0] < value[2] <= width and 0 <= value[1] < value[3] <= height):
+            raise CameraError(
+                f"{self.where}: known is {repr(value)[:40]}; give left, top, right and bottom in pixels of the picture"
+            )
+        left, top, right, bottom = value
+        return left, top, right, bottom
 
     def camera(self, width: int, height: int) -> Camera:
         """The camera of the picture, whose size is `width` x `height` pixels.
@@ -139,7 +164,12 @@ def read_transforms(path: Path) -> tuple[PosedFrame, ...]:
 
 
 def write_transforms(
-    path: Path, images: Sequence[str], cameras: Sequence[Camera], weights: Sequence[float] | None = None
+    path: Path,
+    images: Sequence[str],
+    cameras: Sequence[Camera],
+    weights: Sequence[float] | None = None,
+    known: Sequence[Rectangle] | None = None,
+    ground: float | None = None,
 ) -> None:
     """A transforms.json of pictures and their cameras, whole or not at all; `read_transforms` gives the same back.
 
@@ -148,13 +178,15 @@ def write_transforms(
         images: paths of the pictures, relative to the file's folder.
         cameras: as many.
         weights: as many, or None where every view counts alike.
+        known: of as many pictures the pixels that a camera took, or None where those are all.
+        ground: height (Z) of what the object stands on, where that is known.
     Raises:
-        ValueError: the numbers of images, cameras and weights differ.
+        ValueError: the numbers of images, cameras, weights and known pixels differ.
         OutputError: the file cannot be written.
     """
     intrinsics = [_intrinsics(camera) for camera in cameras]
     alike = all(fields == intrinsics[0] for fields in intrinsics)
-    frames = []
+    frames: list[dict[str, Any]] = []
     for image, camera, own in zip(images, cameras, intrinsics, strict=True):
         # A float32 prints the shortest decimals that give it back; as a float64 it would print seventeen.
         matrix = [[float(str(value)) for value in row] for row in camera.c2w.cpu().numpy()]
@@ -162,7 +194,11 @@ def write_transforms(
     if weights is not None:
         for frame, weight in zip(frames, weights, strict=True):
             frame["weight"] = float(weight)
-    write_json(path, (intrinsics[0] if alike else {}) | {"frames": frames})
+    if known is not None:
+        for frame, rectangle in zip(frames, known, strict=True):
+            frame["known"] = list(rectangle)
+    shared: dict[str, Any] = dict(intrinsics[0]) if alike else {}
+    write_json(path, shared | ({} if ground is None else {"ground": ground}) | {"frames": frames})
 
 
 def _intrinsics(camera: Camera) -> dict[str, float]:

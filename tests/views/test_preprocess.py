@@ -21,7 +21,7 @@ def test_the_crop_centres_the_object_at_its_ratio(center):
     """Also where the object touches the border: the window reaches beyond the picture."""
     mask = disc(96, 20.0, *center)
     image = torch.cat([torch.rand(3, 96, 96), mask[None].float()])
-    window, longest = preprocess.crop_single(image, PATH)
+    window, longest, known = preprocess.crop_single(image, PATH)
     rows, columns = torch.nonzero(window[3] > 0.5, as_tuple=True)
     assert window.shape[1] == window.shape[2]
     assert longest == max(int(rows.max() - rows.min()), int(columns.max() - columns.min())) + 1

@@ -105,9 +105,11 @@ def mirrored(batch: OneViewBatch) -> OneViewBatch:
 
 def stacked(drawn: list[OneViewBatch]) -> OneViewBatch:
     """Several as one."""
-    views = (torch.cat([getattr(s.views, name) for s in drawn]) for name in ("images", "silhouette", "c2w", "K"))
+    images, silhouette, c2w, K = (
+        torch.cat([getattr(s.views, name) for s in drawn]) for name in ("images", "silhouette", "c2w", "K")
+    )
     parts = (torch.cat([getattr(s, name) for s in drawn]) for name in ("points", "distance", "first", "last"))
-    return OneViewBatch(NetworkViews(*views), *parts)
+    return OneViewBatch(NetworkViews(images, silhouette, c2w, K), *parts)
 
 
 def seen(

@@ -133,9 +133,11 @@ def batch(solids: list[Solid], count: int, points: int, generator: torch.Generat
         solid = solids[int(torch.randint(len(solids), (), generator=generator))]
         drawn.append(_seen(solid, _moved(solid, generator), size, points, generator))
     keep = drop_views(generator, DROPPED)
-    parts = [torch.cat([getattr(s.outlines, name)[:, keep] for s in drawn]) for name in ("silhouette", "c2w", "K")]
+    silhouette, c2w, K = (
+        torch.cat([getattr(s.outlines, name)[:, keep] for s in drawn]) for name in ("silhouette", "c2w", "K")
+    )
     return OutlineBatch(
-        Outlines(*parts),
+        Outlines(silhouette, c2w, K),
         torch.cat([sample.colors[:, keep] for sample in drawn]),
         torch.cat([sample.points for sample in drawn]),
         torch.cat([sample.distance for sample in drawn]),

@@ -122,7 +122,8 @@ def encode(
         bfloat16: encode so.
     """
     keep, inputs = drop_views(draws, fewer_views), sample.inputs
-    inputs = NetworkViews(*(x[:, keep] for x in (inputs.images, inputs.silhouette, inputs.c2w, inputs.K)))
+    images, silhouette, c2w, K = (x[:, keep] for x in (inputs.images, inputs.silhouette, inputs.c2w, inputs.K))
+    inputs = NetworkViews(images, silhouette, c2w, K)
     with torch.autocast(inputs.images.device.type, torch.bfloat16, enabled=bfloat16):
         encoded = model.encode(inputs)
     return encoded.float()

@@ -119,7 +119,7 @@ class MixedGlossyRM(nn.Module):
         images = views.images.flatten(0, 1)  # (B * V, 4, S, S)
         cameras = camera_embedding(views.c2w, views.K, views.silhouette.shape[-1]).flatten(0, 1)
         tokens = self.encoder(images[:, :3], cameras)  # (B * V, L, D)
-        outlines = Outlines(views.silhouette, views.c2w, views.K)
+        outlines = views.outlines
         maps = self.view_maps(views, outlines, tokens)
         volume = self.volume(outlines, maps)
         context = tokens.reshape(batch, -1, tokens.shape[-1])

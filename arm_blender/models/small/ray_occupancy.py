@@ -139,7 +139,7 @@ class RayOccupancy(nn.Module):
 
     def encode(self, views: NetworkViews) -> EncodedRays:
         """Everything that points are decoded from."""
-        outlines = Outlines(views.silhouette, views.c2w, views.K)
+        outlines = views.outlines
         frusta = Frustum.of(views.c2w[..., :3, 3].flatten(0, 1))
         seen = look(views, outlines, frusta, self.config.size, self.config.background)
         squares = F.pixel_unshuffle(seen[:, :LOCAL], 2)
@@ -196,8 +196,8 @@ def look(views: NetworkViews, outlines: Outlines, frusta: Frustum, size: int, ba
     """
     count = len(frusta.eye)
     ends = frusta.eye[:, None] + frusta.rays(size) * frusta.range[:, None, None]
-    one = Outlines(*(x.flatten(0, 1).unsqueeze(1) for x in (outlines.silhouette, outlines.c2w, outlines.K)))
-    seen = one.project(ends)  # Of each view its own picture, as an object with one view.
+    one = outlines.apart()
+    seen = one.project(ends)
     framed = seen.framed[..., None]
     images = views.images.flatten(0, 1).unsqueeze(1)
     found = (seen.sample(images) * framed)[:, 0]

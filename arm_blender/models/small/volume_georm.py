@@ -83,7 +83,7 @@ class VolumeGeoRM(nn.Module):
     def encode(self, views: NetworkViews) -> EncodedVolumes:
         """Everything that points are decoded from, for B objects at once."""
         colors = object_colors(views.images.flatten(0, 1), self.config.background, self.config.image_size // 2)
-        outlines = Outlines(views.silhouette, views.c2w, views.K)
+        outlines = views.outlines
         return self.encode_outlines(outlines, colors.unflatten(0, views.images.shape[:2]))
 
     def encode_outlines(self, outlines: Outlines, colors: Tensor) -> EncodedVolumes:

@@ -39,7 +39,7 @@ def drawn_views(
     check_model(config.model)
     seeds = _seeds(config)
     progress(0.0, f"reading {path.name}")
-    picture, _ = preprocess.crop_single(foreground(read_image(path), path, heard), path)
+    picture, _, _ = preprocess.crop_single(foreground(read_image(path), path, heard), path)
     progress(0.0, "Zero123++: reading the weights")
     networks = load_networks(config.model, config.device)
     with cpu_threads(config.threads):
