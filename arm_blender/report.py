@@ -38,8 +38,10 @@ class Report:
         charts: charts of its atlas.
         texture_size: texels a side of its largest map.
         seen_share: of the covered texels, how many at least one view sees, in [0, 1].
+        gains: factors that brought the views' red, green and blue to one exposure, a view each; None where it was one.
         weights: the networks' weights by their names, and their licences: what is made with them may be bound by those.
         masks: by which way the pictures were cut out, and the names of those.
+        doubts: why the result may be wrong, a sentence each.
         left_out: what was not done, and why.
     """
 
@@ -52,8 +54,10 @@ class Report:
     charts: int | None = None
     texture_size: int | None = None
     seen_share: float | None = None
+    gains: list[list[float]] | None = None
     weights: dict[str, str] = field(default_factory=dict)
     masks: dict[str, list[str]] = field(default_factory=dict)
+    doubts: list[str] = field(default_factory=list)
     left_out: list[LeftOut] = field(default_factory=list)
 
     @contextmanager
@@ -71,6 +75,11 @@ class Report:
         note = LeftOut(what, why)
         if note not in self.left_out:
             self.left_out.append(note)
+
+    def doubt(self, why: str) -> None:
+        """Notes why the result may be wrong; once, however often it is said."""
+        if why not in self.doubts:
+            self.doubts.append(why)
 
     def note_mask(self, picture: str, way: str) -> None:
         """Notes by which way a picture was cut out."""
@@ -91,7 +100,9 @@ class Report:
             "charts": self.charts,
             "texture_size": self.texture_size,
             "seen_share": None if self.seen_share is None else round(self.seen_share, 4),
+            "gains": None if self.gains is None else [[round(gain, 3) for gain in view] for view in self.gains],
             "masks": self.masks,
+            "doubts": self.doubts,
             "left_out": [{"what": note.what, "why": note.why} for note in self.left_out],
         }
 

@@ -29,9 +29,12 @@ def test_the_file_says_what_the_run_was(tmp_path):
     report = Report("small", "cpu", 7, faces=10, charts=2, texture_size=512, seen_share=0.25)
     report.leave_out("a.blend", "no bpy")
     report.leave_out("a.blend", "no bpy")
+    report.doubt("the pictures disagree")
+    report.doubt("the pictures disagree")
     report.write(tmp_path / "report.json")
     data = json.loads((tmp_path / "report.json").read_text())
     assert data["version"] == VERSION and data["preset"] == "small" and data["seed"] == 7
+    assert data["doubts"] == ["the pictures disagree"], "however often it is said"
     assert (data["faces"], data["charts"], data["texture_size"], data["seen_share"]) == (10, 2, 512, 0.25)
     assert data["left_out"] == [{"what": "a.blend", "why": "no bpy"}]
     assert data["peak_memory_mib"] > 1.0

@@ -212,7 +212,7 @@ def _made(item: Item, args: argparse.Namespace) -> dict[str, Any]:
         with shown(args.progress) as progress:
             report, _ = generate.produce(own, progress, item.name)
         data = report.as_dict()
-        outcome = {"status": "done"} | {name: data[name] for name in ("seconds", "faces", "left_out")}
+        outcome = {"status": "done"} | {name: data[name] for name in ("seconds", "faces", "doubts", "left_out")}
     except ArmError as error:
         print(f"arm: {error}", file=sys.stderr)
         outcome["error"] = str(error)

@@ -18,6 +18,7 @@ from arm_blender.views.zero123plus.sampling import Zero123PlusConfig
 from ..documents import fill_block
 from ..lpips import Lpips
 from ..rendering.manifest import read_manifest
+from . import captures
 from .cost import measured_cost
 from .tables import shape_table
 from .tables.output import card_text, front_text, write_tables
@@ -26,6 +27,7 @@ from .tables.sheets import Sheets
 from .trials.measure import ONE_VIEW, OURS, ObjectResult, measure
 from .trials.other_system import measure_file
 from .trials.trial import Trial, add_object_arguments, add_trial_arguments, other_settings, trial_settings
+from .truth.captured import captured_objects
 from .truth.entries import DATASETS, evaluation_entries, in_fair_order, spread
 from .truth.objects import EvaluationObject
 from .truth.protocol import PAPER_COUNTS, QUICK, EvaluationEntry, Protocol
@@ -52,6 +54,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--dataset", default="manifest", choices=DATASETS, help="how the data folder is laid out")
     parser.add_argument("--meshes", type=Path, metavar="DIR", help="another system's <id>.glb instead of ours")
     parser.add_argument("--aligned", action="store_true", help="those lie in no known frame")
+    parser.add_argument(
+        "--captures", type=Path, metavar="DIR", help="photographs of objects, as render --layout capture writes them"
+    )
+    parser.add_argument("--update-document", type=Path, metavar="FILE", help="with --captures: fill its block")
     parser.add_argument("--resume", action="store_true", help="keep what the output's results.json has of this trial")
     parser.add_argument("--ids", nargs="*", help="only these objects")
     parser.add_argument("--cache", type=Path, default=Path("out/evaluation-truth"), help="rendered truth, kept")
@@ -75,11 +81,17 @@ def run(args: argparse.Namespace) -> int:
     if args.views is not None:
         return shape_table.run(args)
     protocol = _protocol(args)
+    taken = [] if args.captures is None else captured_objects(args.captures)
+    if taken:
+        args.ids = sorted({capture.object for capture in taken})
     entries, trial = _entries(args), _trial(args, protocol)
     check_output(args.output)
     args.output.mkdir(parents=True, exist_ok=True)
     cache = args.cache / protocol.folder
     render_truth(entries, cache, args.data, args.dataset, protocol)
+    if taken:
+        document = args.update_document
+        return captures.run(taken, entries, trial, cache, args.data, args.output, document, args.command)
     cost = None if args.meshes else measured_cost(cache / entries[0].name, trial)
     known = kept_results(args.output, trial) if args.resume else {}
     results, sheets = [], None if args.no_sheets else Sheets(args.output)

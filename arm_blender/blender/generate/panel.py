@@ -98,6 +98,8 @@ class ARM_PT_result(InSidebar, bpy.types.Panel):
         except ArmError as error:
             _draw_error(layout, context, str(error))
             return
+        for why in (kept.report or {}).get("doubts", ()):
+            _draw_error(layout, context, f"Doubtful: {why}")
         _draw_report(layout, kept)
         if kept.frame is not None:  # Earlier versions of the command line kept neither frame nor views.
             layout.operator("arm.regenerate", icon="FILE_REFRESH")
