@@ -26,6 +26,7 @@ from .uv import maps
 from .uv.backproject import backproject, texture_size_for
 from .uv.blend import blend
 from .uv.decimate import clean, decimate
+from .uv.exposure import evened, gains
 from .uv.normal_map import bake_normal_map
 from .uv.texels import texel_map
 from .uv.unwrap import UnwrapConfig, unwrap
@@ -193,6 +194,8 @@ def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report,
     progress(0.0, "back-projecting the views")
     texels = texel_map(mesh, size)
     seen = backproject(mesh, texels, views, progress=part(progress, 0.02, 0.22))
+    if views.varying_exposure:
+        views, seen = even(views, seen, report)
     progress(0.22, "blending the views")
     colors, weight = blend(seen, views.weights)
     known = (weight > 0.0) & texels.mask
@@ -205,6 +208,16 @@ def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report,
     del seen, base, colors, weight
     roughness, metallic = gloss(mesh, views, texels, settings, report, part(progress, 0.6, 1.0))
     return MaterialMaps(maps.pad(albedo, texels.mask), maps.pad(baked, texels.mask), roughness, metallic)
+
+
+def even(views: ViewSet, seen: TexelViews, report: Report) -> tuple[ViewSet, TexelViews]:
+    """The views of a camera that exposes by itself, and what they say of texels, as of one exposure."""
+    factors = gains(seen)
+    if bool((factors == 1.0).all()):
+        report.leave_out("gains of the views", "the views are of one exposure")
+        return views, seen
+    report.gains = factors.tolist()
+    return evened(views, seen, factors)
 
 
 def paint(

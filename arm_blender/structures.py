@@ -21,6 +21,7 @@ class ViewSet:
         name: what the result is called.
         known: of each view the pixels that a camera took, where others were added around them; None where none were.
         ground: height (world Z) of what the object stands on, where that is known.
+        varying_exposure: the camera exposed by itself, each view for it alone.
     """
 
     images: Tensor
@@ -29,6 +30,7 @@ class ViewSet:
     name: str
     known: tuple[Rectangle, ...] | None = None
     ground: float | None = None
+    varying_exposure: bool = False
 
     def __post_init__(self) -> None:
         views = self.images.shape[0]

@@ -56,14 +56,16 @@ def folder(tmp_path):
     names = [f"{index}.png" for index in range(len(views.cameras))]
     for name, image in zip(names, views.images, strict=True):
         Image.fromarray((image.permute(1, 2, 0).numpy() * 255.0).astype(np.uint8)).save(tmp_path / name)
-    write_transforms(tmp_path / "transforms.json", names, views.cameras, known=views.known, ground=-0.8)
+    write_transforms(
+        tmp_path / "transforms.json", names, views.cameras, known=views.known, ground=-0.8, varying_exposure=True
+    )
     return tmp_path, views
 
 
 def test_known_pixels_and_the_ground_come_back_from_files(folder):
     path, views = folder
     read = load_views(path)
-    assert read.known == views.known and read.ground == pytest.approx(-0.8)
+    assert read.known == views.known and read.ground == pytest.approx(-0.8) and read.varying_exposure
 
 
 def test_a_single_picture_that_cuts_its_object_says_so_of_its_crop(tmp_path):

@@ -123,6 +123,7 @@ def view_set(
         name=_name(path),
         known=None if all(view.known is None for view in views) else known,
         ground=views[0].ground,
+        varying_exposure=any(view.varying_exposure for view in views),
     )
 
 

@@ -27,6 +27,7 @@ class View:
         weight: how much it counts in the texture, >= 0.
         known: the pixels of `image` that a camera took, where others were added around them; None where none were.
         ground: height (world Z) of what the object stands on, where that is known.
+        varying_exposure: the camera exposed by itself.
     """
 
     path: Path
@@ -35,6 +36,7 @@ class View:
     weight: float = 1.0
     known: Rectangle | None = None
     ground: float | None = None
+    varying_exposure: bool = False
 
 
 def view_alone(
@@ -91,5 +93,5 @@ def posed_views(transforms: Path, progress: Progress, heard: Heard = unheard) ->
         known = frame.known(image.shape[2], image.shape[1])
         known = None if known is None else scaled(known, limited.shape[2] / image.shape[2])
         camera = camera.resized(limited.shape[2], limited.shape[1])
-        views.append(View(frame.image, limited, camera, frame.weight, known, frame.ground))
+        views.append(View(frame.image, limited, camera, frame.weight, known, frame.ground, frame.varying_exposure))
     return views

@@ -2,8 +2,8 @@
 
 A frame names a picture and its camera to world matrix in OpenGL axes. The intrinsics are `camera_angle_x` (radians), or
 `fl_x, fl_y, cx, cy` in pixels of a picture of `w` x `h`; global, or per frame, which goes first. Ours are `weight`,
-`known` (left, top, right and bottom of the pixels that a camera took, where others were added around them), and
-`ground` (height, Z, of what the object stands on).
+`known` (left, top, right and bottom of the pixels that a camera took, where others were added around them), `ground`
+(height, Z, of what the object stands on), and `varying_exposure` (true where the camera exposed by itself).
 """
 
 import json
@@ -63,6 +63,11 @@ class PosedFrame:
     def ground(self) -> float | None:
         """Height (Z) of what the object stands on; None where the file does not say."""
         return self._number("ground")
+
+    @property
+    def varying_exposure(self) -> bool:
+        """Whether the camera exposed by itself."""
+        return self.fields.get("varying_exposure") is True
 
     def known(self, width: int, height: int) -> Rectangle | None:
         """The pixels of the picture, of `width` x `height`, that a camera took; None where the file does not say.
@@ -170,6 +175,7 @@ def write_transforms(
     weights: Sequence[float] | None = None,
     known: Sequence[Rectangle] | None = None,
     ground: float | None = None,
+    varying_exposure: bool = False,
 ) -> None:
     """A transforms.json of pictures and their cameras, whole or not at all; `read_transforms` gives the same back.
 
@@ -180,6 +186,7 @@ def write_transforms(
         weights: as many, or None where every view counts alike.
         known: of as many pictures the pixels that a camera took, or None where those are all.
         ground: height (Z) of what the object stands on, where that is known.
+        varying_exposure: the camera exposed by itself.
     Raises:
         ValueError: the numbers of images, cameras, weights and known pixels differ.
         OutputError: the file cannot be written.
@@ -198,7 +205,11 @@ def write_transforms(
         for frame, rectangle in zip(frames, known, strict=True):
             frame["known"] = list(rectangle)
     shared: dict[str, Any] = dict(intrinsics[0]) if alike else {}
-    write_json(path, shared | ({} if ground is None else {"ground": ground}) | {"frames": frames})
+    if ground is not None:
+        shared["ground"] = ground
+    if varying_exposure:
+        shared["varying_exposure"] = True
+    write_json(path, shared | {"frames": frames})
 
 
 def _intrinsics(camera: Camera) -> dict[str, float]:
