@@ -107,6 +107,18 @@ def staging(directory: Path) -> Iterator[Path]:
             directory.rmdir()
 
 
+def replace_folder(folder: Path, made: Path, older: Path) -> None:
+    """Puts `made` in the place of `folder`, which goes to `older` where it exists; all of one file system."""
+    if folder.exists():
+        os.rename(folder, older)
+    try:
+        os.rename(made, folder)
+    except BaseException:  # An interruption between the two as well: the user's files go back to their place.
+        if older.exists() and not folder.exists():
+            os.rename(older, folder)
+        raise
+
+
 @contextmanager
 def only_writer(directory: Path) -> Iterator[None]:
     """Nobody else is inside such a block for `directory`, which is made where it is missing.

@@ -173,7 +173,7 @@ def write_transforms(
     images: Sequence[str],
     cameras: Sequence[Camera],
     weights: Sequence[float] | None = None,
-    known: Sequence[Rectangle] | None = None,
+    fields: Sequence[dict[str, Any]] | None = None,
     ground: float | None = None,
     varying_exposure: bool = False,
 ) -> None:
@@ -184,11 +184,11 @@ def write_transforms(
         images: paths of the pictures, relative to the file's folder.
         cameras: as many.
         weights: as many, or None where every view counts alike.
-        known: of as many pictures the pixels that a camera took, or None where those are all.
+        fields: as many, or None: what else each frame says, such as `known`; other readers pass over it.
         ground: height (Z) of what the object stands on, where that is known.
         varying_exposure: the camera exposed by itself.
     Raises:
-        ValueError: the numbers of images, cameras, weights and known pixels differ.
+        ValueError: the numbers of images, cameras, weights and fields differ.
         OutputError: the file cannot be written.
     """
     intrinsics = [_intrinsics(camera) for camera in cameras]
@@ -201,9 +201,9 @@ def write_transforms(
     if weights is not None:
         for frame, weight in zip(frames, weights, strict=True):
             frame["weight"] = float(weight)
-    if known is not None:
-        for frame, rectangle in zip(frames, known, strict=True):
-            frame["known"] = list(rectangle)
+    if fields is not None:
+        for frame, more in zip(frames, fields, strict=True):
+            frame |= more
     shared: dict[str, Any] = dict(intrinsics[0]) if alike else {}
     if ground is not None:
         shared["ground"] = ground

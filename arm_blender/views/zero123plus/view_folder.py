@@ -1,7 +1,6 @@
 """The six views as a folder that a user may look at, edit, draw anew in parts, and feed back: pictures and cameras."""
 
 import json
-import os
 import shutil
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from torch import Tensor
 from ...errors import InputImageError, OutputError
 from ...graphics.cameras import Camera
 from ...graphics.color import linear_from_srgb
-from ...machine.files import staging, write_json
+from ...machine.files import replace_folder, staging, write_json
 from ..foreground import foreground
 from ..image_io import write_png
 from ..transforms_json import TRANSFORMS, write_transforms
@@ -74,7 +73,7 @@ def write_views(
         for index, image in images.items():
             write_png(made / _name(index), cut_out(image, folder / _name(index)), srgb=True)
         _write_frames(made / TRANSFORMS, images, cameras, [{"seed": seed} | origin for seed in seeds])
-        _replace(folder, made, stage / "older")
+        replace_folder(folder, made, stage / "older")
 
 
 def cut_out(image: Tensor, path: Path) -> Tensor:
@@ -107,15 +106,3 @@ def _write_frames(
         write_json(path, older)
     else:
         write_json(path, data | {"frames": frames})
-
-
-def _replace(folder: Path, made: Path, older: Path) -> None:
-    """Puts `made` in the place of `folder`, which goes to `older`; all of one file system."""
-    if folder.exists():
-        os.rename(folder, older)
-    try:
-        os.rename(made, folder)
-    except BaseException:  # An interruption between the two as well: the user's views go back to their place.
-        if older.exists() and not folder.exists():
-            os.rename(older, folder)
-        raise

@@ -92,7 +92,7 @@ def test_what_the_user_changed_stays_when_other_views_are_drawn_anew(folder):
         torch.testing.assert_close(camera.K, CAMERAS[index].K)
 
 
-@pytest.mark.parametrize("fails", ["write_png", "write_transforms", "_replace", "rename"])
+@pytest.mark.parametrize("fails", ["write_png", "write_transforms", "replace_folder", "rename"])
 @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError])
 def test_a_folder_that_cannot_be_finished_is_as_it_was(folder, monkeypatch, fails, error):
     before = contents(folder)
@@ -104,7 +104,7 @@ def test_a_folder_that_cannot_be_finished_is_as_it_was(folder, monkeypatch, fail
         raise error
 
     with monkeypatch.context() as patch:
-        patch.setattr(view_folder.os if fails == "rename" else view_folder, fails, broken)
+        patch.setattr(os if fails == "rename" else view_folder, fails, broken)
         with pytest.raises((KeyboardInterrupt, OutputError)):
             write_views(folder, {index: drawn(0) for index in range(6)}, CAMERAS, SEEDS)
     assert contents(folder) == before

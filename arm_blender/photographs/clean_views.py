@@ -1,0 +1,270 @@
+"""From posed photographs to a folder of clean views: the best of them, without distortion, cut out, around the object.
+
+`views.load_views` reads the folder. Photographs are held in memory one at a time.
+"""
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from ..errors import InputImageError
+from ..graphics.cameras import Camera
+from ..machine.files import distinct, replace_folder, staging
+from ..progress import Progress, part, silent
+from ..views.foreground import Heard, unheard
+from ..views.image_io import write_png
+from ..views.mask_files import FOLDER as MASKS
+from ..views.mask_files import read_mask
+from ..views.preprocess import MAXIMUM_SIDE
+from ..views.transforms_json import MAXIMUM_VIEWS, TRANSFORMS, write_transforms
+from .capture import Capture, PosedPhotograph
+from .cut_out import CutOut, PaintedMask, cut_out, read_photograph
+from .framing import Window
+from .selection import (
+    BLURRED,
+    ENOUGH,
+    Candidate,
+    beside_neighbours,
+    directions_from,
+    next_view,
+    object_center,
+    sharpness,
+)
+from .undistort import RayTable, place_of, ray_tables
+
+PIXELS = 2**24
+"""Of all views together: 16 of 1024 pixels a side, 256 MiB in memory, and the pipeline holds them more than once."""
+
+KNOWN = "known"
+"""Field of a frame: left, top, right, bottom of the pixels that its photograph has; beyond, nothing is known."""
+
+PHOTOGRAPH = "photograph"
+"""Field of a frame: the name of the photograph that it was made of."""
+
+LeaveOut = Callable[[str, str], None]
+"""Is told what was not used, and why; `Report.leave_out` is one."""
+
+
+@dataclass(frozen=True)
+class CleaningOptions:
+    """Of the views that are made."""
+
+    views: int = MAXIMUM_VIEWS
+    """At most. Fewer leave parts unseen; more than `MAXIMUM_VIEWS` no pipeline reads."""
+    side: int | None = None
+    """Pixels of each; None takes as many as `PIXELS` allows, and no more than `MAXIMUM_SIDE`."""
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.views <= MAXIMUM_VIEWS or (self.side is not None and not 16 <= self.side <= MAXIMUM_SIDE):
+            raise ValueError(f"1 to {MAXIMUM_VIEWS} views of 16 to {MAXIMUM_SIDE} pixels, got {self}")
+
+    def side_of(self, count: int) -> int:
+        """Pixels a side of `count` views."""
+        return self.side or min(MAXIMUM_SIDE, int((PIXELS / max(1, min(count, self.views))) ** 0.5) // 64 * 64)
+
+
+def clean_views(
+    capture: Capture,
+    folder: Path,
+    options: CleaningOptions | None = None,
+    progress: Progress = silent,
+    left_out: LeaveOut = unheard,
+    heard: Heard = unheard,
+) -> Path:
+    """Writes the views of a capture: PNGs with alpha and transforms.json, whole or not at all.
+
+    Args:
+        capture: at least one photograph.
+        folder: is made where it is missing. Views that were made here before go; what else is in it stays. A mask that
+            was painted on such a view and lies here as `masks/NAME.png` goes before every other way to find the object.
+        options: how many, and how large.
+        progress: is told each photograph; what it raises leaves `folder` as it was.
+        left_out: is told each picture that became no view, and why.
+        heard: is told how each view was cut out.
+    Returns:
+        `folder`.
+    Raises:
+        InputImageError: no photograph can be read, or in none an object is found; or a painted mask does not fit.
+        CameraError: a lens sees nothing.
+        ArmError: a lens bends, and pycolmap is not there.
+        OutputError: the folder cannot be written.
+    """
+    if not capture.photographs:
+        raise InputImageError(f"{folder}: none of the pictures has a camera; give pictures that were posed")
+    options = options or CleaningOptions()
+    for name, reason in capture.left_out.items():
+        left_out(name, reason)
+    tables = ray_tables((photograph.lens for photograph in capture.photographs), part(progress, 0.0, 0.05))
+    names = distinct(photograph.path.stem for photograph in capture.photographs)
+    with staging(folder.parent) as stage:
+        made = stage / folder.name
+        older = _begin(folder, made)
+        cleaning = _Cleaning(capture.photographs, names, tables, made, options.side_of(len(names)), older)
+        cleaning.examine(part(progress, 0.05, 0.35))
+        chosen = cleaning.choose(options.views, part(progress, 0.35, 1.0))
+        cleaning.write(chosen)
+        for index in chosen:
+            heard(capture.photographs[index].path.name, cleaning.made[index].way)
+        for index, reason in sorted(cleaning.reasons.items()):
+            left_out(capture.photographs[index].path.name, reason)
+        replace_folder(folder, made, stage / "older")
+    return folder
+
+
+@dataclass(frozen=True)
+class _Made:
+    """What is kept of a view once its picture is in its file; as `CutOut`."""
+
+    window: Window
+    known: tuple[int, int, int, int]
+    cut: bool
+    way: str
+
+
+@dataclass
+class _Cleaning:
+    """The work on one capture.
+
+    Attributes:
+        photographs: of the capture.
+        names: of their views, without suffix.
+        tables: of their lenses.
+        folder: where the views go.
+        side: pixels of a view.
+        painted: masks by the names of views.
+        candidates: of photographs that can be read, by their index.
+        made: of views, by the index of the photograph.
+        reasons: why a photograph is no view, by its index.
+    """
+
+    photographs: tuple[PosedPhotograph, ...]
+    names: list[str]
+    tables: dict[Any, RayTable]
+    folder: Path
+    side: int
+    painted: dict[str, PaintedMask]
+    candidates: dict[int, Candidate] = field(default_factory=dict)
+    made: dict[int, _Made] = field(default_factory=dict)
+    reasons: dict[int, str] = field(default_factory=dict)
+
+    def examine(self, progress: Progress) -> None:
+        """Measures how sharp each photograph shows the object, and from where.
+
+        Raises:
+            InputImageError: none can be read; that of the first.
+        """
+        c2ws = torch.stack([photograph.c2w for photograph in self.photographs])
+        center = object_center(c2ws)
+        measured: dict[int, float] = {}
+        first: InputImageError | None = None
+        for index, photograph in enumerate(self.photographs):
+            progress(index / len(self.photographs), f"looking at {photograph.path.name}")
+            try:
+                image = read_photograph(photograph.path, photograph.lens)
+            except InputImageError as error:
+                first, self.reasons[index] = first or error, str(error)
+                continue
+            measured[index] = sharpness(image, place_of(center, photograph.c2w, self.tables[photograph.lens]))
+        if not measured and first is not None:
+            raise first
+        directions = directions_from(center, c2ws[list(measured)])
+        compared = beside_neighbours(list(measured.values()), directions)
+        for index, direction, sharp in zip(measured, directions, compared, strict=True):
+            self.candidates[index] = Candidate(direction, sharp)
+
+    def choose(self, count: int, progress: Progress) -> list[int]:
+        """The photographs that become views, at most `count`; their pictures are written.
+
+        Raises:
+            InputImageError: in none an object is found; that of the first.
+        """
+        chosen: list[int] = []
+        sharp = [index for index, candidate in self.candidates.items() if candidate.sharpness >= BLURRED]
+        blurred = [index for index in self.candidates if index not in sharp]
+        cut: list[int] = []
+        first: InputImageError | None = None
+        while (sharp and len(chosen) < count) or (blurred and len(chosen) + len(cut) < min(ENOUGH, count)):
+            pool = sharp or blurred
+            index = next_view(self.candidates, chosen, pool)
+            pool.remove(index)
+            share = 1.0 / count
+            done = min(len(self.made), count - 1) * share
+            try:
+                self._make(index, part(progress, done, done + share))
+            except InputImageError as error:
+                first, self.reasons[index] = first or error, str(error)
+                continue
+            (cut if self.made[index].cut else chosen).append(index)
+        while cut and len(chosen) < count:  # Better than nothing: what is beyond the border is unknown, not empty.
+            chosen.append(next_view(self.candidates, chosen, cut))
+            cut.remove(chosen[-1])
+        if not chosen:
+            raise first or InputImageError(f"{self.photographs[0].path}: no view came of it")
+        self.reasons |= dict.fromkeys(cut, "the border of the picture cuts the object")
+        self.reasons |= dict.fromkeys(sharp, f"{len(chosen)} others see the object from all around")
+        for index in blurred:
+            self.reasons[index] = f"blurred: {self.candidates[index].sharpness:.2f} of the sharpness of those beside it"
+        return sorted(chosen)
+
+    def _make(self, index: int, progress: Progress) -> None:
+        """Writes the view of a photograph."""
+        photograph, name = self.photographs[index], self.names[index]
+        view: CutOut = cut_out(photograph, self.tables[photograph.lens], self.side, self.painted.get(name), progress)
+        write_png(self.folder / f"{name}.png", view.image, srgb=True)
+        self.made[index] = _Made(view.window, view.known, view.cut, view.way)
+
+    def write(self, chosen: list[int]) -> None:
+        """Writes transforms.json of the `chosen` views, and takes the pictures of the others away."""
+        cameras, fields = [], []
+        for index in chosen:
+            photograph, view = self.photographs[index], self.made[index]
+            cameras.append(Camera(photograph.c2w.float(), view.window.K.float(), self.side, self.side))
+            fields.append({KNOWN: list(view.known), PHOTOGRAPH: photograph.path.name})
+        pictures = [f"{self.names[index]}.png" for index in chosen]
+        write_transforms(self.folder / TRANSFORMS, pictures, cameras, fields=fields)
+        for index in self.made.keys() - set(chosen):
+            (self.folder / f"{self.names[index]}.png").unlink()
+
+
+def _begin(folder: Path, made: Path) -> dict[str, PaintedMask]:
+    """Copies what stays of an older `folder` into `made`; the masks that were painted on its views.
+
+    Raises:
+        InputImageError: a painted mask is not as large as its view.
+    """
+    if not folder.is_dir():
+        made.mkdir()
+        return {}
+    shutil.copytree(folder, made, symlinks=True)
+    painted = {}
+    for frame, window in _older_views(folder / TRANSFORMS):
+        (made / frame).unlink(missing_ok=True)
+        mask = folder / MASKS / frame
+        if mask.is_file():
+            height, width = read_mask(mask).shape
+            if (width, height) != (window.width, window.height):
+                size = f"{window.width}x{window.height}"
+                raise InputImageError(f"{mask}: {width}x{height} pixels, its view has {size}; paint it at that size")
+            painted[Path(frame).stem] = PaintedMask(mask, window)
+    return painted
+
+
+def _older_views(transforms: Path) -> list[tuple[str, Window]]:
+    """The pictures and the windows of the views that were made before; none where the file is somebody else's."""
+    try:
+        data = json.loads(transforms.read_text(encoding="utf-8-sig"))
+        views = []
+        for frame in data["frames"]:
+            if PHOTOGRAPH in frame and Path(frame["file_path"]).name == frame["file_path"]:
+                fields = data | frame
+                K = torch.eye(3, dtype=torch.float64)
+                K[0, 0], K[1, 1], K[0, 2], K[1, 2] = (float(fields[name]) for name in ("fl_x", "fl_y", "cx", "cy"))
+                views.append((frame["file_path"], Window(K, int(fields["w"]), int(fields["h"]))))
+    except (OSError, ValueError, TypeError, LookupError):
+        return []
+    return views

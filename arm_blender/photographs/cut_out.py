@@ -1,0 +1,108 @@
+"""One photograph as a view: without distortion, its object cut out, in a window around it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from torch import Tensor
+
+from ..errors import InputImageError
+from ..progress import Progress
+from ..views.foreground import foreground
+from ..views.image_io import read_image
+from ..views.mask_files import read_mask, with_mask
+from ..views.masks import sees_something
+from ..views.preprocess import MAXIMUM_SIDE
+from .capture import Lens, PosedPhotograph
+from .framing import Window, around, is_cut, known_rectangle, whole_window
+from .undistort import RayTable, undistorted
+
+
+@dataclass(frozen=True)
+class PaintedMask:
+    """A mask that the user has painted on an earlier view.
+
+    Attributes:
+        path: of its file.
+        window: of that view.
+    """
+
+    path: Path
+    window: Window
+
+
+@dataclass(frozen=True)
+class CutOut:
+    """A photograph without distortion, cut out.
+
+    Attributes:
+        image: (4, S, S) linear Rec.709, straight alpha.
+        window: what it shows.
+        known: left, top, right, bottom of the pixels that the photograph has; beyond them alpha is 0 and means nothing.
+        cut: the photograph's border cuts the object.
+        way: how the mask was found.
+    """
+
+    image: Tensor
+    window: Window
+    known: tuple[int, int, int, int]
+    cut: bool
+    way: str
+
+
+def read_photograph(path: Path, lens: Lens) -> Tensor:
+    """(4, H, W) linear, upright.
+
+    Raises:
+        InputImageError: it cannot be read, or the lens is of a picture of another shape.
+    """
+    image = read_image(path)
+    height, width = image.shape[1:]
+    # As much as rounding can do to either side of a scaled picture.
+    if abs(width * lens.height / (height * lens.width) - 1.0) > 1.0 / min(width, height, lens.width, lens.height):
+        size = f"{lens.width}x{lens.height}"
+        raise InputImageError(f"{path}: its camera is of {size} pixels, it has {width}x{height}; correct the camera")
+    return image
+
+
+def cut_out(
+    photograph: PosedPhotograph, table: RayTable, side: int, painted: PaintedMask | None, progress: Progress
+) -> CutOut:
+    """The view of a photograph.
+
+    Args:
+        table: of its lens.
+        side: pixels of the view.
+        painted: goes before every other way to find the object.
+        progress: is told what is done.
+    Raises:
+        InputImageError: it cannot be read, or no object is found.
+    """
+    name = photograph.path.name
+    progress(0.0, f"reading {name}")
+    image = read_photograph(photograph.path, photograph.lens)
+    if photograph.mask is not None:
+        image = with_mask(image, photograph.mask)
+    progress(0.3, f"undistorting {name}")
+    whole = whole_window(table, min(MAXIMUM_SIDE, max(image.shape[1:])))
+    seen, known = undistorted(image, table, whole.K, whole.width, whole.height)
+    progress(0.4, f"cutting out {name}")
+    own = photograph.mask is not None or bool((image[3] < 0.5).any())
+    if painted is not None:
+        alpha, way = whole.of(read_mask(painted.path), painted.window), "painted mask"
+    elif own:
+        alpha, way = seen[3] * known, "alpha" if photograph.mask is None else "mask file"
+    else:
+        ways: list[str] = []
+        alpha = foreground(seen, photograph.path, lambda _, way: ways.append(way))[3] * known
+        way = ways[0]
+    if not sees_something(alpha) or bool((alpha > 0.5)[known].all()):
+        raise InputImageError(f"{photograph.path}: by {way} nothing or everything is the object; mend the mask")
+    progress(0.8, f"undistorting {name}")
+    window = around(whole, alpha, known, side) if painted is None else painted.window.resized(side)
+    view, shown = undistorted(image, table, window.K, side, side)
+    if painted is not None:
+        view[3] = window.of(read_mask(painted.path), painted.window)
+    elif not own:
+        view[3] = window.of(alpha, whole)
+    view[3] *= shown
+    return CutOut(view, window, known_rectangle(shown), is_cut(alpha, known), way)

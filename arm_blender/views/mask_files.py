@@ -1,0 +1,61 @@
+"""Masks that lie beside pictures as files of their own: where other programs put them, and how they are read."""
+
+from pathlib import Path
+
+import torch
+from torch import Tensor
+from torch.nn.functional import interpolate
+
+from ..errors import InputImageError
+from ..graphics.color import srgb_from_linear
+from .image_io import SUFFIXES, read_image
+
+FOLDER = "masks"
+"""Of masks, beside the pictures or the folder of the pictures."""
+
+
+def mask_beside(picture: Path, root: Path) -> Path | None:
+    """The mask of a picture where one lies: `NAME.mask.png`, `masks/NAME.png`, or `masks/NAME.SUFFIX.png`.
+
+    Args:
+        picture: inside `root`.
+        root: of the capture. Its `masks/` repeats the folders of the pictures, with or without the outermost one.
+    """
+    beside = [picture.with_name(f"{name}.mask.png") for name in (picture.name, picture.stem)]
+    relative = picture.relative_to(root) if picture.is_relative_to(root) else Path(picture.name)
+    shorter = Path(*relative.parts[1:]) if len(relative.parts) > 1 else relative
+    for place in dict.fromkeys((relative, shorter, Path(picture.name))):
+        named = root / FOLDER / place
+        # As COLMAP names them, after the whole name; then as most others.
+        beside += [named.with_name(f"{place.name}.png"), *(named.with_suffix(suffix) for suffix in SUFFIXES)]
+    # A folder of pictures called masks is its own.
+    return next((path for path in beside if path.is_file() and path.resolve() != picture.resolve()), None)
+
+
+def read_mask(path: Path) -> Tensor:
+    """(H, W) float32 in [0, 1]: the alpha of a picture that has one, else its grey level as it is stored.
+
+    Raises:
+        InputImageError: as `read_image`.
+    """
+    image = read_image(path)
+    if bool((image[3] < 0.5).any()):
+        return image[3]
+    return srgb_from_linear(image[:3]).mean(dim=0)
+
+
+def with_mask(image: Tensor, mask: Path) -> Tensor:
+    """`image` (4, H, W) with the alpha that a file has for it, at any size.
+
+    Raises:
+        InputImageError: the mask is of another shape, or does not do as a picture.
+    """
+    alpha = read_mask(mask)
+    if alpha.shape != image.shape[1:]:
+        (height, width), (rows, columns) = image.shape[1:], alpha.shape
+        # A pixel of rounding in a smaller mask is no other shape.
+        if abs(columns * height / (rows * width) - 1.0) > 1.0 / min(rows, columns, height, width):
+            raise InputImageError(f"{mask}: {columns}x{rows} pixels for a picture of {width}x{height}; give one alike")
+        mode = "area" if rows > height else "bilinear"
+        alpha = interpolate(alpha[None, None], size=(height, width), mode=mode)[0, 0]
+    return torch.cat([image[:3], alpha[None]])
