@@ -40,23 +40,8 @@ def read_image(path: Path) -> Tensor:
     Raises:
         InputImageError: missing, not a picture, truncated, or larger than `MAXIMUM_SIDE`.
     """
-    if not path.is_file():
-        raise InputImageError(f"{path}: no such file; check the path")
-    if path.stat().st_size == 0:
-        raise InputImageError(f"{path}: the file is empty; export the picture again")
-    try:
-        str(path).encode()
-    except UnicodeEncodeError as error:
-        raise InputImageError(f"{path}: the name is no UTF-8; rename the file or its folder") from error
-    # "Unassociated" hands over the stored colour: OpenImageIO would multiply by alpha in 8 bits and lose the dark ends.
-    wish = oiio.ImageSpec()
-    wish.attribute("oiio:UnassociatedAlpha", 1)
     with _quiet_decoders():
-        source = oiio.ImageInput.open(str(path), wish)
-        if source is None:
-            reason = oiio.geterror()
-            logger.debug("%s: %s", path, reason)
-            raise InputImageError(f"{path}: not a readable picture; give a PNG, JPEG, WebP, TIFF, EXR or HDR file")
+        source = _opened(path)
         try:
             spec = source.spec()
             if max(spec.width, spec.height) > MAXIMUM_SIDE:
@@ -77,6 +62,21 @@ def read_image(path: Path) -> Tensor:
             source.close()
     upright = _upright(image.transpose(1, 2, 0), spec.get_int_attribute("Orientation", 1))
     return torch.from_numpy(np.ascontiguousarray(upright.transpose(2, 0, 1)))
+
+
+def read_orientation(path: Path) -> tuple[int, int, int]:
+    """Width and height of a picture as its file stores it, and its EXIF orientation, 1 to 8.
+
+    Raises:
+        InputImageError: missing, or not a picture.
+    """
+    with _quiet_decoders():
+        source = _opened(path)
+        try:
+            spec = source.spec()
+            return spec.width, spec.height, spec.get_int_attribute("Orientation", 1)
+        finally:
+            source.close()
 
 
 def pictures_in(folder: Path) -> list[Path]:
@@ -112,6 +112,31 @@ def write_png(path: Path, image: Tensor, srgb: bool) -> None:
         written = sink.open(str(temporary), spec) and sink.write_image(pixels)
         if not (sink.close() and written):
             raise OSError(0, sink.geterror() or "no space")
+
+
+def _opened(path: Path) -> oiio.ImageInput:
+    """A picture's file, open.
+
+    Raises:
+        InputImageError: missing, empty, or not a picture.
+    """
+    if not path.is_file():
+        raise InputImageError(f"{path}: no such file; check the path")
+    if path.stat().st_size == 0:
+        raise InputImageError(f"{path}: the file is empty; export the picture again")
+    try:
+        str(path).encode()
+    except UnicodeEncodeError as error:
+        raise InputImageError(f"{path}: the name is no UTF-8; rename the file or its folder") from error
+    # "Unassociated" hands over the stored colour: OpenImageIO would multiply by alpha in 8 bits and lose the dark ends.
+    wish = oiio.ImageSpec()
+    wish.attribute("oiio:UnassociatedAlpha", 1)
+    source = oiio.ImageInput.open(str(path), wish)
+    if source is None:
+        reason = oiio.geterror()
+        logger.debug("%s: %s", path, reason)
+        raise InputImageError(f"{path}: not a readable picture; give a PNG, JPEG, WebP, TIFF, EXR or HDR file")
+    return source
 
 
 def _rows(source: oiio.ImageInput, spec: oiio.ImageSpec, top: int, bottom: int) -> NDArray[np.float32] | None:

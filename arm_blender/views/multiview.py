@@ -12,6 +12,7 @@ from ..progress import Progress
 from . import preprocess
 from .foreground import Heard, foreground, unheard
 from .image_io import pictures_in, read_image
+from .mask_files import with_mask
 from .rigs import AZIMUTHS_DEG, front_camera, zero123plus_rig
 from .transforms_json import read_transforms
 
@@ -87,7 +88,12 @@ def posed_views(transforms: Path, progress: Progress, heard: Heard = unheard) ->
     frames = read_transforms(transforms)
     for index, frame in enumerate(frames):
         progress(index / len(frames), f"reading {frame.image.name}")
-        image = foreground(read_image(frame.image), frame.image, heard)
+        image = read_image(frame.image)
+        if frame.mask is None:
+            image = foreground(image, frame.image, heard)
+        else:
+            image = with_mask(image, frame.mask)
+            heard(frame.image.name, "mask file")
         camera = frame.camera(image.shape[2], image.shape[1])
         limited = preprocess.limit_size(image, frame.image)
         known = frame.known(image.shape[2], image.shape[1])

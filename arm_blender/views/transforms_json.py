@@ -21,6 +21,7 @@ from ..graphics.borders import Rectangle
 from ..graphics.cameras import Camera
 from ..machine.files import write_json
 from .image_io import SUFFIXES
+from .mask_files import mask_beside
 
 TRANSFORMS = "transforms.json"
 """The file's name in a folder of views."""
@@ -28,7 +29,7 @@ TRANSFORMS = "transforms.json"
 MAXIMUM_VIEWS = 16
 
 _DISTORTION = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
-_PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
+PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
 """Camera models that are pinholes once their distortion is 0."""
 
 _LARGEST = 1e9
@@ -51,6 +52,9 @@ class PosedFrame:
         fields: the frame's own fields over the file's.
         weight: how much the view counts in the texture, >= 0.
         where: file and frame, for messages.
+        model: of the camera, by COLMAP's names.
+        distortion: those of its coefficients that are not 0.
+        mask: of the picture, where the frame names one, or one lies beside it.
     """
 
     image: Path
@@ -58,6 +62,14 @@ class PosedFrame:
     fields: dict[str, Any]
     weight: float
     where: str
+    model: str
+    distortion: dict[str, float]
+    mask: Path | None
+
+    @property
+    def is_bent(self) -> bool:
+        """Whether the lens is anything but a pinhole."""
+        return bool(self.distortion) or self.model not in PINHOLES
 
     @property
     def ground(self) -> float | None:
@@ -146,12 +158,34 @@ class PosedFrame:
 
 
 def read_transforms(path: Path) -> tuple[PosedFrame, ...]:
-    """The frames of a transforms.json, in the file's order.
+    """The frames of a transforms.json, in the file's order, if they do as views as they are.
 
     Raises:
-        CameraError: the file is missing or malformed, a matrix is not rigid, the lens is distorted, or a `file_path`
-            leaves the folder. The line names the file, the frame and the field.
+        CameraError: as `read_frames`; or there are too many, or a lens is distorted.
         InputImageError: a picture does not exist.
+    """
+    frames, missing = read_frames(path)
+    if missing:
+        raise InputImageError(f"{missing[0]}: no such picture in {path.parent}; correct file_path or add the file")
+    if len(frames) > MAXIMUM_VIEWS:
+        raise CameraError(f"{path}: {len(frames)} frames; keep at most {MAXIMUM_VIEWS} that look from all around")
+    for frame in frames:
+        if frame.is_bent:
+            reason = ", ".join(frame.distortion) or f"camera_model {frame.model}"
+            raise CameraError(f"{frame.where}: the lens is distorted ({reason}); undistort the pictures first")
+    return frames
+
+
+def read_frames(path: Path) -> tuple[tuple[PosedFrame, ...], tuple[str, ...]]:
+    """The frames of a transforms.json, in the file's order: however many, whatever their lenses.
+
+    `applied_transform`, `scale` and the like say how a file's frame of reference came about; it is taken as it is.
+
+    Returns:
+        Those whose picture exists, and of each other one file and frame, for messages.
+    Raises:
+        CameraError: the file is missing or malformed, a matrix is not rigid, or a `file_path` leaves the folder. The
+            line names the file, the frame and the field.
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8-sig"))
@@ -162,10 +196,10 @@ def read_transforms(path: Path) -> tuple[PosedFrame, ...]:
     frames = data.get("frames") if isinstance(data, dict) else None
     if not isinstance(frames, list) or not frames:
         raise CameraError(f'{path}: no "frames"; give a list with file_path and transform_matrix per picture')
-    if len(frames) > MAXIMUM_VIEWS:
-        raise CameraError(f"{path}: {len(frames)} frames; keep at most {MAXIMUM_VIEWS} that look from all around")
     shared = {key: value for key, value in data.items() if key != "frames"}
-    return tuple(_read_frame(frame, shared, path, index) for index, frame in enumerate(frames))
+    read = [_read_frame(frame, shared, path, index) for index, frame in enumerate(frames)]
+    there = tuple(frame for frame in read if isinstance(frame, PosedFrame))
+    return there, tuple(where for where in read if isinstance(where, str))
 
 
 def write_transforms(
@@ -228,38 +262,51 @@ def _intrinsics(camera: Camera) -> dict[str, float]:
     }
 
 
-def _read_frame(frame: Any, shared: dict[str, Any], path: Path, index: int) -> PosedFrame:
+def _read_frame(frame: Any, shared: dict[str, Any], path: Path, index: int) -> PosedFrame | str:
+    """A frame; where its picture does not exist, only its name for messages."""
     where = f"{path}: frame {index}"
     if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str) or not frame["file_path"]:
         raise CameraError(f"{where}: no file_path; name the frame's picture")
     where = f"{where} ({frame['file_path']})"
     fields = shared | frame
-    model = fields.get("camera_model", "PINHOLE")
-    distorted = [name for name in _DISTORTION if _number(fields.get(name), name, where)]
-    if distorted or model not in _PINHOLES or fields.get("is_fisheye"):
-        reason = ", ".join(distorted) or f"camera_model {model}"
-        raise CameraError(f"{where}: the lens is distorted ({reason}); undistort the pictures first")
+    values = {name: _number(fields.get(name), name, where) for name in _DISTORTION}
+    distortion = {name: value for name, value in values.items() if value}
+    model = "OPENCV_FISHEYE" if fields.get("is_fisheye") else str(fields.get("camera_model") or "PINHOLE")
     weight = _number(fields.get("weight"), "weight", where)
     if weight is not None and weight < 0.0:
         raise CameraError(f"{where}: weight is {weight:g}; give 0 or more")
     c2w = _rigid(fields.get("transform_matrix"), where)
-    return PosedFrame(_picture(path, frame["file_path"], where), c2w, fields, 1.0 if weight is None else weight, where)
+    picture = _file(path, frame["file_path"], "file_path", where)
+    if picture is None:
+        return where
+    mask = frame.get("mask_path")
+    beside = _file(path, mask, "mask_path", where) if isinstance(mask, str) else None
+    return PosedFrame(
+        picture,
+        c2w,
+        fields,
+        1.0 if weight is None else weight,
+        where,
+        model,
+        distortion,
+        beside or mask_beside(picture, path.parent),
+    )
 
 
-def _picture(path: Path, file_path: str, where: str) -> Path:
-    """The picture of a frame: inside the folder of the file, links followed; the extension may be missing."""
+def _file(path: Path, named: str, field: str, where: str) -> Path | None:
+    """A picture that a frame names: inside the folder of the file, links followed; the extension may be missing."""
     folder = path.parent.resolve()
-    named = path.parent / file_path.replace("\\", "/")
-    for candidate in (named, *(Path(f"{named}{suffix}") for suffix in SUFFIXES)):
+    place = path.parent / named.replace("\\", "/")
+    for candidate in (place, *(Path(f"{place}{suffix}") for suffix in SUFFIXES)):
         try:
             inside, found = candidate.resolve().is_relative_to(folder), candidate.is_file()
         except (OSError, ValueError, RuntimeError) as error:  # Too long, a character no name has, links in a circle.
-            raise CameraError(f"{where}: file_path names no file; correct it") from error
+            raise CameraError(f"{where}: {field} names no file; correct it") from error
         if not inside:
-            raise CameraError(f"{where}: file_path leaves the folder; move the picture beside {path.name}")
+            raise CameraError(f"{where}: {field} leaves the folder; move the picture beside {path.name}")
         if found:
             return candidate
-    raise InputImageError(f"{where}: no such picture in {path.parent}; correct file_path or add the file")
+    return None
 
 
 def _rigid(matrix: Any, where: str) -> Tensor:
