@@ -5,7 +5,6 @@
 
 import json
 import shutil
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,11 +15,12 @@ from ..errors import InputImageError
 from ..graphics.cameras import Camera
 from ..machine.files import distinct, replace_folder, staging
 from ..progress import Progress, part, silent
+from ..views import LeaveOut
 from ..views.foreground import Heard, unheard
 from ..views.image_io import write_png
 from ..views.mask_files import FOLDER as MASKS
 from ..views.mask_files import read_mask
-from ..views.preprocess import MAXIMUM_SIDE
+from ..views.preprocess import MAXIMUM_SIDE, MINIMUM_SIDE
 from ..views.transforms_json import MAXIMUM_VIEWS, TRANSFORMS, write_transforms
 from .capture import Capture, PosedPhotograph
 from .cut_out import CutOut, PaintedMask, cut_out, read_photograph
@@ -46,9 +46,6 @@ KNOWN = "known"
 PHOTOGRAPH = "photograph"
 """Field of a frame: the name of the photograph that it was made of."""
 
-LeaveOut = Callable[[str, str], None]
-"""Is told what was not used, and why; `Report.leave_out` is one."""
-
 
 @dataclass(frozen=True)
 class CleaningOptions:
@@ -57,15 +54,18 @@ class CleaningOptions:
     views: int = MAXIMUM_VIEWS
     """At most. Fewer leave parts unseen; more than `MAXIMUM_VIEWS` no pipeline reads."""
     side: int | None = None
-    """Pixels of each; None takes as many as `PIXELS` allows, and no more than `MAXIMUM_SIDE`."""
+    """Pixels of each; None takes as many as `PIXELS` allows and the photographs have, at most `MAXIMUM_SIDE`."""
 
     def __post_init__(self) -> None:
-        if not 1 <= self.views <= MAXIMUM_VIEWS or (self.side is not None and not 16 <= self.side <= MAXIMUM_SIDE):
-            raise ValueError(f"1 to {MAXIMUM_VIEWS} views of 16 to {MAXIMUM_SIDE} pixels, got {self}")
+        if not 1 <= self.views <= MAXIMUM_VIEWS or (
+            self.side is not None and not MINIMUM_SIDE <= self.side <= MAXIMUM_SIDE
+        ):
+            raise ValueError(f"1 to {MAXIMUM_VIEWS} views of {MINIMUM_SIDE} to {MAXIMUM_SIDE} pixels, got {self}")
 
-    def side_of(self, count: int) -> int:
-        """Pixels a side of `count` views."""
-        return self.side or min(MAXIMUM_SIDE, int((PIXELS / max(1, min(count, self.views))) ** 0.5) // 64 * 64)
+    def side_of(self, count: int, largest: int) -> int:
+        """Pixels a side of the views of `count` photographs, whose shorter sides are at most `largest`."""
+        allowed = int((PIXELS / min(count, self.views)) ** 0.5)
+        return self.side or max(MINIMUM_SIDE, min(MAXIMUM_SIDE, allowed, largest) // 8 * 8)
 
 
 def clean_views(
@@ -104,9 +104,9 @@ def clean_views(
     with staging(folder.parent) as stage:
         made = stage / folder.name
         older = _begin(folder, made)
-        cleaning = _Cleaning(capture.photographs, names, tables, made, options.side_of(len(names)), older)
+        cleaning = _Cleaning(capture.photographs, names, tables, made, options, older)
         cleaning.examine(part(progress, 0.05, 0.35))
-        chosen = cleaning.choose(options.views, part(progress, 0.35, 1.0))
+        chosen = cleaning.choose(part(progress, 0.35, 1.0))
         cleaning.write(chosen)
         for index in chosen:
             heard(capture.photographs[index].path.name, cleaning.made[index].way)
@@ -135,22 +135,24 @@ class _Cleaning:
         names: of their views, without suffix.
         tables: of their lenses.
         folder: where the views go.
-        side: pixels of a view.
+        options: how many, and how large.
         painted: masks by the names of views.
         candidates: of photographs that can be read, by their index.
         made: of views, by the index of the photograph.
         reasons: why a photograph is no view, by its index.
+        side: pixels of a view, once the photographs have been examined.
     """
 
     photographs: tuple[PosedPhotograph, ...]
     names: list[str]
     tables: dict[Any, RayTable]
     folder: Path
-    side: int
+    options: CleaningOptions
     painted: dict[str, PaintedMask]
     candidates: dict[int, Candidate] = field(default_factory=dict)
     made: dict[int, _Made] = field(default_factory=dict)
     reasons: dict[int, str] = field(default_factory=dict)
+    side: int = 0
 
     def examine(self, progress: Progress) -> None:
         """Measures how sharp each photograph shows the object, and from where.
@@ -161,6 +163,7 @@ class _Cleaning:
         c2ws = torch.stack([photograph.c2w for photograph in self.photographs])
         center = object_center(c2ws)
         measured: dict[int, float] = {}
+        largest = 0
         first: InputImageError | None = None
         for index, photograph in enumerate(self.photographs):
             progress(index / len(self.photographs), f"looking at {photograph.path.name}")
@@ -169,21 +172,23 @@ class _Cleaning:
             except InputImageError as error:
                 first, self.reasons[index] = first or error, str(error)
                 continue
+            largest = max(largest, min(image.shape[1:]))
             measured[index] = sharpness(image, place_of(center, photograph.c2w, self.tables[photograph.lens]))
         if not measured and first is not None:
             raise first
+        self.side = self.options.side_of(len(measured), largest)
         directions = directions_from(center, c2ws[list(measured)])
         compared = beside_neighbours(list(measured.values()), directions)
         for index, direction, sharp in zip(measured, directions, compared, strict=True):
             self.candidates[index] = Candidate(direction, sharp)
 
-    def choose(self, count: int, progress: Progress) -> list[int]:
-        """The photographs that become views, at most `count`; their pictures are written.
+    def choose(self, progress: Progress) -> list[int]:
+        """The photographs that become views; their pictures are written.
 
         Raises:
             InputImageError: in none an object is found; that of the first.
         """
-        chosen: list[int] = []
+        count, chosen = self.options.views, list[int]()
         sharp = [index for index, candidate in self.candidates.items() if candidate.sharpness >= BLURRED]
         blurred = [index for index in self.candidates if index not in sharp]
         cut: list[int] = []
