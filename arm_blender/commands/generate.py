@@ -120,15 +120,16 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
     check_output(args.output)
     report = run_of.begin(args.preset, args.device, args.seed, progress)
     from ..export import write_asset, written_names
+    from ..photographs.foreign import needs_cleaning
+    from ..photographs.intake import load_views
     from ..uv.mesh_file import read_mesh
-    from ..views import load_views
     from ..views.placement import on_the_ground
     from ..views.scene_frame import IDENTITY
 
     settings, options, kinds = settings_of(args), view_options_of(args), formats_of(args)
 
     def read_views(progress: Progress, report: Report) -> ViewSet:
-        views = load_views(args.views, options, progress, report.leave_out, report.note_mask)
+        views = load_views(args.views, args.output / "views", options, progress, report.leave_out, report.note_mask)
         if name is not None:
             views = replace(views, name=name)
         if len(os.fsencode(views.name)) > LONGEST_NAME:
@@ -137,7 +138,7 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
         return views
 
     own_mesh = None if args.mesh is None else lambda views: read_mesh(args.mesh)
-    drawing = 0.6 if args.multiview != "none" else run_of.LOADING_SHARE
+    drawing = 0.6 if args.multiview != "none" or needs_cleaning(args.views) else run_of.LOADING_SHARE
     asset = run_of.make(settings, read_views, own_mesh, part(progress, 0.0, 0.85), report, drawing)
     frame = IDENTITY
     if args.place == "ground":

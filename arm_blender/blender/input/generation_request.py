@@ -135,10 +135,12 @@ def read_views(request: GenerationRequest, progress: Progress, report: Report) -
     Raises:
         ArmError: as `load_views`; `Cancelled` from `progress`.
     """
-    from ...views import load_views, view_set
+    from ...photographs.intake import load_views
+    from ...views import view_set
 
     if isinstance(request.views, Path):
-        return load_views(request.views, view_options(request), progress, report.leave_out, report.note_mask)
+        options = view_options(request)
+        return load_views(request.views, None, options, progress, report.leave_out, report.note_mask)
     views = []
     for index, picture in enumerate(request.views):
         progress(index / len(request.views), f"reading {picture.name}")

@@ -61,11 +61,11 @@ def look(request: GenerationRequest, progress: Progress) -> Look:
         ArmError: as reading them for the run; `Cancelled` from `progress`.
     """
     progress(0.0, "reading the views")
-    from ...views import has_cameras, read_views
+    from ...photographs.intake import has_cameras, read_views
     from .generation_request import view_of_camera, view_options
 
     if isinstance(request.views, Path):
-        views = read_views(request.views, view_options(request), progress)
+        views = read_views(request.views, None, view_options(request), progress)
         kind: Kind = "posed" if has_cameras(request.views) else "picture" if len(views) == 1 else "rig"
     else:
         views, kind = [view_of_camera(picture) for picture in request.views], "posed"
