@@ -56,9 +56,9 @@ def folder(tmp_path):
     names = [f"{index}.png" for index in range(len(views.cameras))]
     for name, image in zip(names, views.images, strict=True):
         Image.fromarray((image.permute(1, 2, 0).numpy() * 255.0).astype(np.uint8)).save(tmp_path / name)
-    write_transforms(
-        tmp_path / "transforms.json", names, views.cameras, known=views.known, ground=-0.8, varying_exposure=True
-    )
+    known = [{"known": list(rectangle)} for rectangle in views.rectangles]
+    told = {"fields": known, "ground": -0.8, "varying_exposure": True}
+    write_transforms(tmp_path / "transforms.json", names, views.cameras, **told)
     return tmp_path, views
 
 

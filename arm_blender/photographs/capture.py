@@ -5,6 +5,9 @@ from pathlib import Path
 
 from torch import Tensor
 
+OF_CAMERAS = {".jpg", ".jpeg", ".heic", ".heif"}
+"""Formats that phones and cameras write."""
+
 
 @dataclass(frozen=True)
 class Lens:
@@ -48,8 +51,15 @@ class Capture:
         photographs: those with a camera.
         points: (P, 3) float64, solved surface points in that frame; may be none.
         left_out: of every other picture its name, and why it has no camera.
+        ground: height (Z) of what the object stands on, where that is known.
     """
 
     photographs: tuple[PosedPhotograph, ...]
     points: Tensor
     left_out: dict[str, str] = field(default_factory=dict)
+    ground: float | None = None
+
+    @property
+    def varying_exposure(self) -> bool:
+        """Whether a camera that exposes by itself took them, as far as their files tell: programs write PNG."""
+        return any(photograph.path.suffix.lower() in OF_CAMERAS for photograph in self.photographs)

@@ -35,6 +35,7 @@ from .selection import (
     object_center,
     sharpness,
 )
+from .solved import write_solved
 from .undistort import RayTable, place_of, ray_tables
 
 PIXELS = 2**24
@@ -107,7 +108,8 @@ def clean_views(
         cleaning = _Cleaning(capture.photographs, names, tables, made, options, older)
         cleaning.examine(part(progress, 0.05, 0.35))
         chosen = cleaning.choose(part(progress, 0.35, 1.0))
-        cleaning.write(chosen)
+        cleaning.write(chosen, capture)
+        write_solved(capture, made)
         for index in chosen:
             heard(capture.photographs[index].path.name, cleaning.made[index].way)
         for index, reason in sorted(cleaning.reasons.items()):
@@ -223,7 +225,7 @@ class _Cleaning:
         write_png(self.folder / f"{name}.png", view.image, srgb=True)
         self.made[index] = _Made(view.window, view.known, view.cut, view.way)
 
-    def write(self, chosen: list[int]) -> None:
+    def write(self, chosen: list[int], capture: Capture) -> None:
         """Writes transforms.json of the `chosen` views, and takes the pictures of the others away."""
         cameras, fields = [], []
         for index in chosen:
@@ -231,7 +233,8 @@ class _Cleaning:
             cameras.append(Camera(photograph.c2w.float(), view.window.K.float(), self.side, self.side))
             fields.append({KNOWN: list(view.known), PHOTOGRAPH: photograph.path.name})
         pictures = [f"{self.names[index]}.png" for index in chosen]
-        write_transforms(self.folder / TRANSFORMS, pictures, cameras, fields=fields)
+        exposed, place = capture.varying_exposure, self.folder / TRANSFORMS
+        write_transforms(place, pictures, cameras, fields=fields, ground=capture.ground, varying_exposure=exposed)
         for index in self.made.keys() - set(chosen):
             (self.folder / f"{self.names[index]}.png").unlink()
 

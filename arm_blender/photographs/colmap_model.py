@@ -16,8 +16,8 @@ from ..views.image_io import read_orientation
 from ..views.mask_files import mask_beside
 from .capture import Capture, Lens, PosedPhotograph
 from .colmap_job import ColmapFailed, run_job
+from .orientation import oriented
 from .selection import object_center
-from .upright import upright
 
 _DISTANCE = 4.0
 """Of the cameras from the object, on average, in a model that had to be set upright: as in our rig."""
@@ -87,7 +87,7 @@ def _photographs(images: list[Any], folder: Path, root: Path, left_out: dict[str
             continue
         # Solved of turned copies, if the shape says so: then it is upright already.
         if (stored_width > stored_height) == (width > height):
-            lens, c2w = upright(lens, c2w, orientation, where)
+            lens, c2w = oriented(lens, c2w, orientation, where)
         photographs.append(PosedPhotograph(picture, c2w, lens, mask_beside(picture, root)))
     if missing:
         left_out[f"{len(missing)} of {len(images)} images"] = f"their pictures are missing, first {missing[0]}"

@@ -6,9 +6,10 @@ from torch import Tensor, zeros
 
 from ..errors import CameraError, InputImageError
 from ..views.image_io import read_orientation
-from ..views.transforms_json import PINHOLES, PosedFrame, read_frames
+from ..views.posed_frame import PINHOLES, PosedFrame
+from ..views.transforms_json import read_frames
 from .capture import Capture, Lens, PosedPhotograph
-from .upright import upright
+from .orientation import oriented
 
 _FISHEYES = ("OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
 """Lenses whose k1 to k4 are a polynomial of the angle; the shorter ones are the longest with zeros."""
@@ -52,7 +53,7 @@ def _camera(frame: PosedFrame) -> tuple[Lens, Tensor]:
     stated = frame.fields.get("w"), frame.fields.get("h")
     wide = [isinstance(side, int | float) and not isinstance(side, bool) for side in stated]
     if sideways and all(wide) and (stated[0] > stated[1]) == (width > height):  # type: ignore[operator]
-        return upright(_lens(frame, width, height), frame.c2w.double(), orientation, frame.where)
+        return oriented(_lens(frame, width, height), frame.c2w.double(), orientation, frame.where)
     if sideways:
         width, height = height, width
     return _lens(frame, width, height), frame.c2w.double()

@@ -26,3 +26,10 @@ def test_a_damaged_record_is_one_line(tmp_path, text):
         (tmp_path / SOLVED).write_text(text)
     with pytest.raises(CameraError, match=r"solved\.json: no record of solved cameras .*; solve them again"):
         read_solved(tmp_path)
+
+
+@pytest.mark.parametrize(("name", "varies"), [("IMG_1.HEIC", True), ("a.jpeg", True), ("render_0001.png", False)])
+def test_only_what_cameras_write_may_be_exposed_each_by_itself(name, varies):
+    lens = Lens("PINHOLE", (500.0, 500.0, 320.0, 240.0), 640, 480)
+    posed = PosedPhotograph(Path(name), torch.eye(4, dtype=torch.float64), lens)
+    assert Capture((posed,), torch.zeros(0, 3)).varying_exposure == varies

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from arm_blender.errors import CameraError
-from arm_blender.photographs.upright import upright
+from arm_blender.photographs.orientation import oriented
 
 from .ball import LENSES, distorted, lens, orbit
 
@@ -15,7 +15,7 @@ from .ball import LENSES, distorted, lens, orbit
 def test_a_point_lands_where_its_pixel_was_turned_to(model, orientation):
     stored, c2w = lens(model), torch.tensor(orbit(3)[1])
     points = np.random.default_rng(0).uniform(-0.5, 0.5, (50, 3))
-    turned, turned_c2w = upright(stored, c2w, orientation, "cup.jpg")
+    turned, turned_c2w = oriented(stored, c2w, orientation, "cup.jpg")
     u, v = pixels(points, stored, c2w)
     width, height = stored.width, stored.height
     expected = {1: (u, v), 3: (width - u, height - v), 6: (height - v, u), 8: (v, width - u)}[orientation]
@@ -30,4 +30,4 @@ def pixels(points, one, c2w):
 
 def test_a_mirrored_picture_is_refused_by_name():
     with pytest.raises(CameraError, match="cup.jpg"):
-        upright(lens("OPENCV"), torch.eye(4), 2, "cup.jpg")
+        oriented(lens("OPENCV"), torch.eye(4), 2, "cup.jpg")

@@ -43,7 +43,7 @@ _PRISM = {"THIN_PRISM_FISHEYE": 10}
 """Where sx1 and sy1 stand."""
 
 
-def upright(lens: Lens, c2w: Tensor, orientation: int, where: str) -> tuple[Lens, Tensor]:
+def oriented(lens: Lens, c2w: Tensor, orientation: int, where: str) -> tuple[Lens, Tensor]:
     """The camera of a picture that is shown turned.
 
     Args:
