@@ -16,10 +16,11 @@ from ..errors import InputImageError
 from ..graphics.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 from ..machine.files import whole_file
 from ..machine.quiet import STDERR, silenced
+from .pillow_io import HEIF_SUFFIXES, decoded, open_picture, srgb_from_profile, transformed
 
 logger = logging.getLogger(__name__)
 
-SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".webp", ".hdr", ".tif", ".tiff")
+SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".webp", ".hdr", ".tif", ".tiff", *HEIF_SUFFIXES)
 """What counts as a picture when a folder is listed."""
 
 MAXIMUM_SIDE = 8192
@@ -33,13 +34,17 @@ def read_image(path: Path) -> Tensor:
     """A picture as the program holds it.
 
     Args:
-        path: 8 or 16-bit PNG, JPEG, WebP, TIFF (sRGB), EXR or HDR (linear); grey, grey with alpha, RGB or RGBA.
+        path: 8 or 16-bit PNG, JPEG, WebP, TIFF, HEIC (sRGB, or as an embedded ICC profile says), EXR or HDR (linear);
+            grey, grey with alpha, RGB or RGBA. Under a profile other than sRGB 16 bits are rounded to 8.
     Returns:
         (4, H, W) float32 in [0, 1], linear Rec.709 and straight alpha; alpha is 1 where the file has none. Turned
         upright as its EXIF orientation says.
     Raises:
         InputImageError: missing, not a picture, truncated, or larger than `MAXIMUM_SIDE`.
     """
+    if path.suffix.lower() in HEIF_SUFFIXES:
+        _check_file(path)
+        return _heif(path)
     with _quiet_decoders():
         source = _opened(path)
         try:
@@ -49,6 +54,7 @@ def read_image(path: Path) -> Tensor:
                 raise InputImageError(f"{path}: {size} pixels; scale it to at most {MAXIMUM_SIDE} a side")
             image = np.empty((4, spec.height, spec.width), np.float32)
             # Band by band: the steps from a file's numbers to ours would take several times the picture's memory.
+            profile = srgb_from_profile(_profile(spec))
             step = -(-BAND // max(1, spec.tile_height)) * max(1, spec.tile_height)
             for top in range(0, spec.height, step):
                 bottom = min(top + step, spec.height)
@@ -57,6 +63,8 @@ def read_image(path: Path) -> Tensor:
                 if pixels is None or source.has_error:
                     logger.debug("%s: %s", path, source.geterror())
                     raise InputImageError(f"{path}: the picture is truncated or damaged; export it again")
+                if profile is not None:
+                    pixels[..., :3] = transformed(np.round(pixels[..., :3] * 255.0).astype(np.uint8), profile) / 255.0
                 image[:, top:bottom] = _linear(pixels, spec, source.format_name() == "openexr").numpy()
         finally:
             source.close()
@@ -70,6 +78,10 @@ def read_orientation(path: Path) -> tuple[int, int, int]:
     Raises:
         InputImageError: missing, or not a picture.
     """
+    if path.suffix.lower() in HEIF_SUFFIXES:
+        _check_file(path)
+        with open_picture(path) as picture:
+            return *picture.size, 1  # Its reader turns it.
     with _quiet_decoders():
         source = _opened(path)
         try:
@@ -120,14 +132,7 @@ def _opened(path: Path) -> oiio.ImageInput:
     Raises:
         InputImageError: missing, empty, or not a picture.
     """
-    if not path.is_file():
-        raise InputImageError(f"{path}: no such file; check the path")
-    if path.stat().st_size == 0:
-        raise InputImageError(f"{path}: the file is empty; export the picture again")
-    try:
-        str(path).encode()
-    except UnicodeEncodeError as error:
-        raise InputImageError(f"{path}: the name is no UTF-8; rename the file or its folder") from error
+    _check_file(path)
     # "Unassociated" hands over the stored colour: OpenImageIO would multiply by alpha in 8 bits and lose the dark ends.
     wish = oiio.ImageSpec()
     wish.attribute("oiio:UnassociatedAlpha", 1)
@@ -137,6 +142,37 @@ def _opened(path: Path) -> oiio.ImageInput:
         logger.debug("%s: %s", path, reason)
         raise InputImageError(f"{path}: not a readable picture; give a PNG, JPEG, WebP, TIFF, EXR or HDR file")
     return source
+
+
+def _check_file(path: Path) -> None:
+    """Raises `InputImageError` where a picture's file is missing or empty, or has a name that no library takes."""
+    if not path.is_file():
+        raise InputImageError(f"{path}: no such file; check the path")
+    if path.stat().st_size == 0:
+        raise InputImageError(f"{path}: the file is empty; export the picture again")
+    try:
+        str(path).encode()
+    except UnicodeEncodeError as error:
+        raise InputImageError(f"{path}: the name is no UTF-8; rename the file or its folder") from error
+
+
+def _heif(path: Path) -> Tensor:
+    """`read_image` of a HEIC file."""
+    with open_picture(path) as picture:
+        if max(picture.size) > MAXIMUM_SIDE:
+            size = "x".join(map(str, picture.size))
+            raise InputImageError(f"{path}: {size} pixels; scale it to at most {MAXIMUM_SIDE} a side")
+        pixels = torch.from_numpy(decoded(picture, path)).permute(2, 0, 1) / 255.0
+    return torch.cat([linear_from_srgb(pixels[:3]), pixels[3:]])
+
+
+def _profile(spec: oiio.ImageSpec) -> bytes | None:
+    """The ICC profile of a file with colours in integers; others are linear already."""
+    profile = spec.getattribute("ICCProfile")
+    integers = spec.format.basetype in (oiio.BASETYPE.UINT8, oiio.BASETYPE.UINT16)
+    if profile is None or not integers or tuple(name.upper() for name in spec.channelnames[:3]) != ("R", "G", "B"):
+        return None
+    return np.asarray(profile, np.uint8).tobytes()
 
 
 def _rows(source: oiio.ImageInput, spec: oiio.ImageSpec, top: int, bottom: int) -> NDArray[np.float32] | None:
