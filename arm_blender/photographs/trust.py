@@ -1,0 +1,135 @@
+"""How far a solution is to be trusted: a wrong one looks as fine as a right one to the solver itself."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from .joint_hull import JointHull
+from .solver import Solution
+
+Level = Literal["good", "doubtful", "wrong"]
+
+FEWEST = 5
+"""Pictures with a camera: below it nothing contradicts anything."""
+
+STRONG = 30
+"""Matches of two pictures that cannot be there by chance."""
+
+ALLOWED = 0.85, 0.7
+"""Of all matches, the share that the cameras allow: below the first a solution is doubtful, below the second wrong."""
+
+CONTRADICTED = 0.08, 0.25
+"""Of the pairs with `STRONG` matches, the share of which the cameras allow less than half."""
+
+AGREEMENT = 0.75, 0.55
+"""Of the masks with their joint hull, the median. Cameras that are off by a tenth of the distance leave 0.6 of it."""
+
+REGISTERED = 0.75, 0.4
+"""Of the pictures, the share that has a camera."""
+
+SHARED = 0.03, 0.1
+"""Of the distance to the object, how far two ways to solve may put a camera apart, the median."""
+
+
+@dataclass(frozen=True)
+class Trust:
+    """A judgement.
+
+    Attributes:
+        level: good; doubtful: to be used with a warning; wrong: not to be used.
+        reasons: why it is not good, the worst first.
+        measures: what was measured, by name.
+    """
+
+    level: Level
+    reasons: tuple[str, ...]
+    measures: dict[str, float]
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """The higher, the better."""
+        return ("wrong", "doubtful", "good").index(self.level), self.measures["registered"]
+
+
+def judged(solution: Solution, count: int, hull: JointHull | None) -> Trust:
+    """What speaks against a solution.
+
+    Args:
+        count: pictures that were given.
+        hull: of the masks, where there are any.
+    """
+    pairs = solution.pairs
+    strong = pairs[:, 2] >= STRONG
+    measures = {
+        "registered": len(solution.names) / count,
+        "allowed": float(pairs[:, 3].sum() / pairs[:, 2].sum().clamp(min=1.0)),
+        "contradicted": float((pairs[strong, 3] < 0.5 * pairs[strong, 2]).double().mean())
+        if bool(strong.any())
+        else 1.0,
+        "error": solution.error,
+    }
+    found: list[tuple[Level, str]] = [
+        _low(measures["registered"], REGISTERED, f"only {len(solution.names)} of {count} pictures have a camera"),
+        _low(measures["allowed"], ALLOWED, "many matches contradict the cameras"),
+        _low(-measures["contradicted"], (-CONTRADICTED[0], -CONTRADICTED[1]), "some pictures contradict each other"),
+    ]
+    if hull is None:
+        found.append(("doubtful", "there are no masks to check the cameras by"))
+    else:
+        measures["agreement"] = float(hull.agreement.median()) if len(hull.points) else 0.0
+        found.append(_low(measures["agreement"], AGREEMENT, "the masks of the object do not fit together"))
+    if len(solution.names) < FEWEST:
+        found.append(("wrong", f"only {len(solution.names)} pictures have a camera"))
+    return _trust(found, measures)
+
+
+def compared(trust: Trust, first: Solution, second: Solution | None) -> Trust:
+    """The judgement after a second opinion: another solution of the same pictures."""
+    apart = 1.0 if second is None else distance_apart(first, second)
+    finding = _low(-apart, (-SHARED[0], -SHARED[1]), "two ways to solve the cameras disagree")
+    if finding[0] == "wrong" and trust.measures.get("agreement", 0.0) >= AGREEMENT[0]:
+        finding = "doubtful", finding[1]  # The masks, which neither knows, bear out this one.
+    measures = trust.measures | {"apart": apart}
+    return _trust([(trust.level, reason) for reason in trust.reasons] + [finding], measures)
+
+
+def distance_apart(first: Solution, second: Solution) -> float:
+    """How far two solutions put the same camera apart: the median, as a share of the distance between the cameras.
+
+    1 where fewer than half of the cameras are in both.
+    """
+    both = [name for name in first.names if name in second.names]
+    if 2 * len(both) < len(first.names) or len(both) < 3:
+        return 1.0
+    a, b = (one.centers[[one.names.index(name) for name in both]] for one in (first, second))
+    scale, rotation, shift = similarity(b, a)
+    off = (scale * b @ rotation.T + shift - a).norm(dim=1)
+    return float(off.median() / (a - a.mean(dim=0)).norm(dim=1).median().clamp(min=1e-12))
+
+
+def similarity(source: Tensor, target: Tensor) -> tuple[float, Tensor, Tensor]:
+    """Scale, rotation (3, 3) and shift (3,) that bring points (P, 3) nearest to others (Umeyama, 1991)."""
+    source_mean, target_mean = source.mean(dim=0), target.mean(dim=0)
+    a, b = source - source_mean, target - target_mean
+    u, stretch, vt = torch.linalg.svd(b.T @ a)
+    sign = torch.ones(3, dtype=source.dtype)
+    sign[2] = torch.sign(torch.linalg.det(u @ vt))
+    rotation = u @ torch.diag(sign) @ vt
+    scale = float((stretch * sign).sum() / a.square().sum().clamp(min=1e-30))
+    return scale, rotation, target_mean - scale * rotation @ source_mean
+
+
+def _low(value: float, limits: tuple[float, float], reason: str) -> tuple[Level, str]:
+    """What a value says that should be high: the limits are those of doubtful and wrong."""
+    level: Level = "wrong" if value < limits[1] else "doubtful" if value < limits[0] else "good"
+    return level, reason
+
+
+def _trust(found: list[tuple[Level, str]], measures: dict[str, float]) -> Trust:
+    order: tuple[Level, ...] = ("wrong", "doubtful")
+    reasons = [reason for level in order for found_level, reason in found if found_level == level]
+    levels = {level for level, _ in found}
+    worst: Level = "wrong" if "wrong" in levels else "doubtful" if "doubtful" in levels else "good"
+    return Trust(worst, tuple(dict.fromkeys(reasons)), measures)
