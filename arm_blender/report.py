@@ -42,6 +42,8 @@ class Report:
         weights: the networks' weights by their names, and their licences: what is made with them may be bound by those.
         masks: by which way the pictures were cut out, and the names of those.
         doubts: why the result may be wrong, a sentence each.
+        photographs: which way the pictures got their cameras and by what rule; of solved ones, how far they are to be
+            trusted, and why not further.
         left_out: what was not done, and why.
     """
 
@@ -58,6 +60,7 @@ class Report:
     weights: dict[str, str] = field(default_factory=dict)
     masks: dict[str, list[str]] = field(default_factory=dict)
     doubts: list[str] = field(default_factory=list)
+    photographs: dict[str, Any] = field(default_factory=dict)
     left_out: list[LeftOut] = field(default_factory=list)
 
     @contextmanager
@@ -103,6 +106,7 @@ class Report:
             "gains": None if self.gains is None else [[round(gain, 3) for gain in view] for view in self.gains],
             "masks": self.masks,
             "doubts": self.doubts,
+            "photographs": self.photographs,
             "left_out": [{"what": note.what, "why": note.why} for note in self.left_out],
         }
 

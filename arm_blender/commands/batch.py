@@ -33,11 +33,11 @@ _COLUMNS: dict[str, tuple[str, Callable[[str], Any]]] = {
 WORKER = "arm_blender.commands.batch"
 """Whose `answer` other processes call: this module, by the name that it has for them."""
 
-EPILOG = f"""LIST is a folder of images and of folders of views; a .txt of one path a line; a .csv with a column views;
-or a .json list of paths and of objects with views. A csv or json item may also have a name, and options of its own over
-those of the command line: {", ".join(_COLUMNS)}. An empty field leaves the command line's. Relative paths are relative
-to the list. stdout gets one line of JSON an item, as it ends: views, output, status (done, skipped or failed), seconds
-of each stage, total_seconds, seed, versions, and the error where there is one."""
+EPILOG = f"""LIST is a folder of images, of videos and of folders of views or photographs; a .txt of one path a line; a
+.csv with a column views; or a .json list of paths and of objects with views. A csv or json item may also have a name,
+and options of its own over those of the command line: {", ".join(_COLUMNS)}. An empty field leaves the command line's.
+Relative paths are relative to the list. stdout gets one line of JSON an item, as it ends: views, output, status (done,
+skipped or failed), seconds of each stage, total_seconds, seed, versions, and the error where there is one."""
 
 
 @dataclass(frozen=True)
@@ -114,10 +114,13 @@ def read_items(path: Path, output: Path) -> list[Item]:
 
 def _views_in(folder: Path, output: Path) -> list[Path]:
     """What may be views in a folder: its images and its sub-folders, by name; not the one that holds `output`."""
+    from ..photographs.video import is_video
     from ..views.image_io import SUFFIXES
 
     try:
-        found = [path for path in folder.iterdir() if path.is_dir() or path.suffix.lower() in SUFFIXES]
+        found = [
+            path for path in folder.iterdir() if path.is_dir() or path.suffix.lower() in SUFFIXES or is_video(path)
+        ]
     except OSError as error:
         raise InputImageError(f"{folder}: cannot be read ({error.strerror}); check its rights") from error
     results = output.resolve()

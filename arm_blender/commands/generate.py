@@ -35,7 +35,9 @@ NO_BPY = "bpy is not installed here; `pip install bpy`, or use `blender --comman
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("views", type=Path, metavar="VIEWS", help="an image, or a folder of views")
+    parser.add_argument(
+        "views", type=Path, metavar="VIEWS", help="an image, a video, or a folder of views or photographs"
+    )
     parser.add_argument("--json", action="store_true", help="print the report as JSON on stdout")
     add_options(parser)
 
@@ -120,16 +122,19 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
     check_output(args.output)
     report = run_of.begin(args.preset, args.device, args.seed, progress)
     from ..export import write_asset, written_names
-    from ..photographs.foreign import needs_cleaning
-    from ..photographs.intake import load_views
+    from ..photographs.intake import load_views, views_are_made
+    from ..photographs.solving import SolvingOptions
     from ..uv.mesh_file import read_mesh
     from ..views.placement import on_the_ground
     from ..views.scene_frame import IDENTITY
 
     settings, options, kinds = settings_of(args), view_options_of(args), formats_of(args)
 
+    made = views_are_made(args.views, options)
+
     def read_views(progress: Progress, report: Report) -> ViewSet:
-        views = load_views(args.views, args.output / "views", options, progress, report.leave_out, report.note_mask)
+        solving = SolvingOptions(threads=args.threads, seed=args.seed)
+        views = load_views(args.views, args.output / "views", options, solving, report, progress)
         if name is not None:
             views = replace(views, name=name)
         if len(os.fsencode(views.name)) > LONGEST_NAME:
@@ -138,12 +143,12 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
         return views
 
     own_mesh = None if args.mesh is None else lambda views: read_mesh(args.mesh)
-    drawing = 0.6 if args.multiview != "none" or needs_cleaning(args.views) else run_of.LOADING_SHARE
+    drawing = 0.6 if args.multiview != "none" or made else run_of.LOADING_SHARE
     asset = run_of.make(settings, read_views, own_mesh, part(progress, 0.0, 0.85), report, drawing)
     frame = IDENTITY
     if args.place == "ground":
         asset, frame = on_the_ground(asset)
-    kept = _record(args, settings, options, [frame.scale, *frame.center.tolist()])
+    kept = _record(args, settings, options, made, [frame.scale, *frame.center.tolist()])
 
     def add_blender_files(stage: Path) -> None:
         _write_blender_files(asset, stage, kept, args.preview, report, part(progress, 0.9, 0.99))
@@ -217,11 +222,15 @@ def view_options_of(args: argparse.Namespace) -> ViewOptions:
         raise UsageError(str(error)) from error
 
 
-def _record(args: argparse.Namespace, settings: Settings, options: ViewOptions, frame: list[float]) -> dict[str, Any]:
+def _record(
+    args: argparse.Namespace, settings: Settings, options: ViewOptions, made: bool, frame: list[float]
+) -> dict[str, Any]:
     """What the .blend's object keeps of its run, to be recalled in Blender; `frame` as in `AssetRecord`."""
     chosen, views = chosen_values(settings, options), args.views
     if options.zero123plus is not None:  # Its views lie beside the result, with their cameras.
         chosen["multiview"], views = "none", options.zero123plus.folder
+    if made:
+        chosen["cameras"], views = "auto", args.output / "views"
     mesh = None if args.mesh is None else args.mesh.stem
     record = AssetRecord(chosen, views.absolute(), mesh=mesh, frame=tuple(frame))
     return record.as_json(args.output.absolute())

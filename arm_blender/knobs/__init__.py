@@ -21,6 +21,7 @@ QualityName = Literal["draft", "balanced", "final"]
 PrecisionName = Literal["auto", "float32", "bfloat16"]
 ProviderName = Literal["none", "zero123plus"]
 BackgroundName = Literal["grey", "white"]
+CamerasName = Literal["auto", "solve", "rig", "file"]
 
 ZERO123PLUS = "zero123plus-v1.2"
 """The rig, and so far there is no other."""
@@ -186,6 +187,20 @@ class ViewKnobs:
         ),
     )
     """Of a single picture's crop or of the rig. A wrong one deepens or flattens the object."""
+    cameras: CamerasName = knob(
+        "auto",
+        "of several pictures: solve, rig, file or auto (default: auto, by what is there)",
+        listed=True,
+    )
+    """Where they come from: solved from photographs or a video, six known ones, or a file beside the pictures."""
+    length: float | None = knob(
+        None,
+        "metres of the object's longest side, kept in the report",
+        Rule(lambda metres: 0.0 < metres <= 1e4, "give a positive length in metres, at most 10000"),
+        letter="M",
+        listed=True,
+    )
+    """Photographs know no scale: the longest side of what they show is made 2 units."""
     weights: tuple[float, ...] | None = knob(None, "how much each view counts", option="view-weights", listed=True)
     """One per view, before views that see nothing are skipped; 0 leaves one out. None takes transforms.json's, or 1."""
     multiview: ProviderName = knob("none", "of a single image: none, zero123plus (default: none)")

@@ -1,4 +1,4 @@
-"""Views of whatever there is: as they are where they do, and cleaned first where they are photographs with cameras."""
+"""Views of whatever there is: as they are where they do, and made first where they are photographs or a video."""
 
 import tempfile
 from functools import cache
@@ -7,69 +7,107 @@ from pathlib import Path
 from .. import views
 from ..errors import CameraError
 from ..progress import Progress, part, silent
+from ..report import Report
 from ..structures import ViewSet
-from ..views import LeaveOut, ViewOptions, view_set
-from ..views.foreground import Heard, unheard
+from ..views import ViewOptions, view_set
 from ..views.multiview import View
 from .clean_views import clean_views
 from .colmap_model import model_folder
 from .foreign import needs_cleaning, read_capture
+from .solving import SolvingOptions
+from .way import solved_views, way_of
 
-_CLEANING = 0.9
-"""Of the progress, what cleaning takes where there is something to clean."""
+_MAKING = 0.9
+"""Of the progress, what making views takes where they have to be made."""
 
 
 def load_views(
     path: Path,
     folder: Path | None,
-    options: ViewOptions | None = None,
+    options: ViewOptions,
+    solving: SolvingOptions,
+    report: Report,
     progress: Progress = silent,
-    left_out: LeaveOut = unheard,
-    heard: Heard = unheard,
 ) -> ViewSet:
-    """As `views.load_views`, of photographs that other programs posed as well.
+    """As `views.load_views`, of photographs as well, whether other programs posed them or nobody did.
 
     Args:
-        path: as there; or a transforms.json, or a model of COLMAP, of any number of photographs with lenses that bend.
-        folder: where clean views go, if any have to be made; None keeps them until the program ends.
+        path: as there; or a transforms.json, or a model of COLMAP, of any number of photographs with lenses that bend;
+            or a folder of photographs, or a video, without cameras.
+        folder: where views go, if any have to be made; None keeps them until the program ends.
         options: for what the files do not say.
+        solving: of cameras, where nobody says them.
+        report: is told by which rule cameras were found and how far they are to be trusted, how each picture was cut
+            out, and what is not used.
         progress: is told each picture.
-        left_out: is told what is not used, and why: every photograph that becomes no view too.
-        heard: is told how each picture was cut out.
     Raises:
         CameraError: as `views.load_views`; or what is read would be written over.
-        ArmError: as there, as `read_capture` and as `clean_views`.
+        ArmError: as there, as `read_capture`, `clean_views` and `solved_views`.
     """
-    options = options or ViewOptions()
-    read = read_views(path, folder, options, progress, left_out, heard)
-    return view_set(read, path, options.weights, left_out)
+    read = read_views(path, folder, options, solving, report, progress)
+    return view_set(read, path, options.weights, report.leave_out)
 
 
 def read_views(
     path: Path,
     folder: Path | None,
     options: ViewOptions,
+    solving: SolvingOptions,
+    report: Report,
     progress: Progress = silent,
-    left_out: LeaveOut = unheard,
-    heard: Heard = unheard,
 ) -> list[View]:
     """All views that `load_views` chooses from.
 
     Raises:
         as `load_views`.
     """
-    if not needs_cleaning(path):
-        return views.read_views(path, options, progress, left_out, heard)
+    way = way_of(path, options.cameras)
+    report.photographs = {"cameras": way.cameras, "why": way.why}
+    if options.length is not None:
+        report.photographs["metres_per_unit"] = options.length / 2.0
+    if way.cameras != "solve" and not needs_cleaning(path):
+        return views.read_views(path, options, progress, report.leave_out, report.note_mask)
+    place = make_views(path, folder, options, solving, report, part(progress, 0.0, _MAKING))
+    # How they were cut out has been told.
+    return views.read_views(place, options, part(progress, _MAKING, 1.0), report.leave_out)
+
+
+def make_views(
+    path: Path,
+    folder: Path | None,
+    options: ViewOptions,
+    solving: SolvingOptions,
+    report: Report,
+    progress: Progress = silent,
+) -> Path:
+    """The folder of clean views of photographs: `folder`, or a new one.
+
+    Args: and Raises: as `load_views`.
+    """
     if folder is not None and (path if path.is_dir() else path.parent).resolve() == folder.resolve():
         raise CameraError(f"{folder}: is read, and would be written over; choose another --output")
+    place = _place(folder)
+    if way_of(path, options.cameras).cameras == "solve":
+        facts = solved_views(path, place, solving, progress, report.leave_out, report.note_mask)
+        report.photographs |= facts
+        for reason in facts["doubts"]:
+            report.doubt(f"the cameras of {path.name}: {reason}")
+        return place
     capture = read_capture(path, part(progress, 0.0, 0.05))
-    place = clean_views(capture, _place(folder), None, part(progress, 0.05, _CLEANING), left_out, heard)
-    # How they were cut out has been told.
-    return views.read_views(place, options, part(progress, _CLEANING, 1.0), left_out)
+    return clean_views(capture, place, None, part(progress, 0.05, 1.0), report.leave_out, report.note_mask)
+
+
+def views_are_made(path: Path, options: ViewOptions) -> bool:
+    """Whether views of what is at `path` have to be made first.
+
+    Raises:
+        ArmError: as `way_of`.
+    """
+    return way_of(path, options.cameras).cameras == "solve" or needs_cleaning(path)
 
 
 def has_cameras(path: Path) -> bool:
-    """Whether what is at `path` comes with cameras of its own; else they are assumed."""
+    """Whether what is at `path` comes with cameras of its own; else they are assumed, or solved."""
     return views.has_cameras(path) or (path.is_dir() and model_folder(path) is not None)
 
 

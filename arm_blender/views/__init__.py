@@ -6,7 +6,7 @@ from pathlib import Path
 
 import torch
 
-from ..errors import ArmError, InputImageError
+from ..errors import ArmError, CameraError, InputImageError
 from ..knobs import ViewKnobs, check
 from ..progress import Progress, silent
 from ..structures import ViewSet
@@ -134,9 +134,11 @@ def has_cameras(path: Path) -> bool:
 
 def _read(path: Path, options: ViewOptions, progress: Progress, left_out: LeaveOut, heard: Heard) -> list[View]:
     """The views at `path`, by what is there."""
-    if path.is_dir() and (path / TRANSFORMS).is_file():
+    if path.is_dir() and options.cameras != "rig" and (path / TRANSFORMS).is_file():
         return _read(path / TRANSFORMS, options, progress, left_out, heard)
     pictures = pictures_in(path) if path.is_dir() else []
+    if options.cameras == "file" and not path.suffix.lower() == ".json":
+        raise CameraError(f"{path}: has no {TRANSFORMS}; add the cameras, or leave --cameras to auto")
     if len(pictures) == 1:
         return _read(pictures[0], options, progress, left_out, heard)
     if options.multiview != "none" and (path.is_dir() or path.suffix.lower() == ".json"):

@@ -64,8 +64,8 @@ def views_of_rig(folder: Path, distance: float, fovy_deg: float | None, progress
     pictures = pictures_in(folder)
     if len(pictures) != len(AZIMUTHS_DEG):
         raise InputImageError(
-            f"{folder}: no transforms.json and {len(pictures)} images; add the cameras, or give exactly "
-            f"{len(AZIMUTHS_DEG)} images in the rig's order, or one image"
+            f"{folder}: no transforms.json and {len(pictures)} images; add the cameras, have them solved, or give "
+            f"exactly {len(AZIMUTHS_DEG)} images in the rig's order, or one image"
         )
     images = []
     for index, picture in enumerate(pictures):
