@@ -12,7 +12,6 @@ from ..structures import ViewSet
 from ..views import ViewOptions, view_set
 from ..views.multiview import View
 from .clean_views import clean_views
-from .colmap_model import model_folder
 from .foreign import needs_cleaning, read_capture
 from .solving import SolvingOptions
 from .way import solved_views, way_of
@@ -104,11 +103,6 @@ def views_are_made(path: Path, options: ViewOptions) -> bool:
         ArmError: as `way_of`.
     """
     return way_of(path, options.cameras).cameras == "solve" or needs_cleaning(path)
-
-
-def has_cameras(path: Path) -> bool:
-    """Whether what is at `path` comes with cameras of its own; else they are assumed, or solved."""
-    return views.has_cameras(path) or (path.is_dir() and model_folder(path) is not None)
 
 
 def _place(folder: Path | None) -> Path:

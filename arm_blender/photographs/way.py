@@ -8,16 +8,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from .. import views
 from ..errors import ArmError, InputImageError
 from ..knobs import CamerasName
 from ..machine.files import write_json
 from ..progress import Progress, part
-from ..views import has_cameras
 from ..views.foreground import Heard, unheard
 from ..views.image_io import pictures_in
 from ..views.rigs import AZIMUTHS_DEG
 from ..views.transforms_json import TRANSFORMS
 from .clean_views import CleaningOptions, clean_views
+from .colmap_model import model_folder
 from .pictures import looked_at, photographs_in
 from .solving import SolvingOptions, solved
 from .video import frames_of, is_video
@@ -60,7 +61,7 @@ def way_of(path: Path, wish: CamerasName) -> Way:
     if is_video(path):
         return Way("solve", "a video comes without cameras")
     if has_cameras(path):
-        return Way("file", f"{TRANSFORMS} says them")
+        return Way("file", f"{TRANSFORMS} or a model of COLMAP says them")
     pictures = _pictures(path)
     if len(pictures) < 2:
         return Way("single", "there is one picture")
@@ -114,6 +115,11 @@ def solved_views(
         clean_views(found.capture, folder, CleaningOptions(), part(progress, 0.75, 1.0), note)
     write_json(folder / KEPT, {"source": source, "facts": found.facts, "left_out": reasons})
     return found.facts
+
+
+def has_cameras(path: Path) -> bool:
+    """Whether what is at `path` comes with cameras of its own; else they are assumed, or solved."""
+    return views.has_cameras(path) or (path.is_dir() and model_folder(path) is not None)
 
 
 def _pictures(path: Path) -> list[Path]:

@@ -101,7 +101,7 @@ def _device(request: GenerationRequest) -> str:
 
 def _own_mesh(own: OwnMesh, request: GenerationRequest, views: ViewSet) -> tuple[TriangleMesh | UvMesh, SceneFrame]:
     """The user's mesh, and the frame that restores it to where the views show it."""
-    from ...photographs.intake import has_cameras
+    from ...photographs.way import has_cameras
     from ...uv.given_mesh import mesh_from_arrays
     from ...views.mesh_fit import fit_to_views
     from ...views.scene_frame import IDENTITY

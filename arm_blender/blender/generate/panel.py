@@ -119,6 +119,8 @@ def _draw_source(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
     row.operator("arm.look", text="", icon="FILE_REFRESH")
     if view_list.is_looking():
         layout.label(text="Reading the views", icon="SORTTIME")
+    elif listed and settings.views_kind == "photographs":
+        _draw_photographs(layout, settings)
     elif listed and len(settings.views) == 1:
         _draw_picture(layout)
     elif listed:
@@ -132,12 +134,14 @@ def _draw_source(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
         if settings.multiview_model:
             drawn.prop(settings, "multiview_steps")
             drawn.operator("arm.draw_views", icon="IMAGE_DATA")
+    if settings.source == "FILES" and listed and settings.views_kind == "photographs":
+        layout.operator("arm.solve_cameras", icon="CON_CAMERASOLVER")
     if settings.source == "CAMERAS" or (listed and settings.views_kind == "rig"):
         layout.prop(settings, "rig_distance")
         layout.prop(settings, "fovy")
     if settings.source == "CAMERAS":
         layout.operator("arm.add_cameras", text="Add Rig of Six Cameras", icon="OUTLINER_OB_CAMERA")
-    elif listed and settings.views_kind != "picture":
+    elif listed and settings.views_kind in ("rig", "posed"):
         layout.operator("arm.add_cameras", text="Add Cameras of the Views", icon="OUTLINER_OB_CAMERA")
 
 
@@ -153,6 +157,14 @@ def _draw_picture(layout: bpy.types.UILayout) -> None:
     row = layout.row()
     for icon in view_list.icons(0):
         row.template_icon(icon_value=icon, scale=5.0)
+
+
+def _draw_photographs(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
+    """The pictures, several in a row: there are many, and nothing is known of them yet."""
+    layout.label(text=f"{len(settings.views)} photographs" if settings.views else "A video")
+    grid = layout.grid_flow(row_major=True, columns=6, even_columns=True, align=True)
+    for index in range(len(settings.views)):
+        grid.template_icon(icon_value=view_list.icons(index)[0], scale=2.0)
 
 
 def _draw_views(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:

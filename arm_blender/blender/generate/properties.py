@@ -45,7 +45,7 @@ class ARM_PG_settings(bpy.types.PropertyGroup):
     )
     views: CollectionProperty(type=ARM_PG_view)
     views_of: StringProperty(description="What the list of views was read from")
-    views_kind: StringProperty(description="picture, rig or posed")
+    views_kind: StringProperty(description="picture, rig, posed or photographs")
     multiview_model: StringProperty(
         name="Weights",
         description="Folder of Zero123++'s weights, as diffusers saves a pipeline; they are not shipped",

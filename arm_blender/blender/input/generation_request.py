@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from ...photographs.solving import SolvingOptions
     from ...progress import Progress
     from ...report import Report
     from ...structures import ViewSet
@@ -101,6 +102,13 @@ def view_options(request: GenerationRequest) -> ViewOptions:
     return ViewOptions(**values_of(ViewKnobs, request))
 
 
+def solving_options(request: GenerationRequest) -> SolvingOptions:
+    """How cameras of photographs are solved."""
+    from ...photographs.solving import SolvingOptions
+
+    return SolvingOptions(threads=request.threads, seed=request.seed)
+
+
 def view_of_camera(picture: CameraPicture) -> View:
     """A picture of a camera as a view, cut out.
 
@@ -139,8 +147,7 @@ def read_views(request: GenerationRequest, progress: Progress, report: Report) -
     from ...views import view_set
 
     if isinstance(request.views, Path):
-        options = view_options(request)
-        return load_views(request.views, None, options, progress, report.leave_out, report.note_mask)
+        return load_views(request.views, None, view_options(request), solving_options(request), report, progress)
     views = []
     for index, picture in enumerate(request.views):
         progress(index / len(request.views), f"reading {picture.name}")

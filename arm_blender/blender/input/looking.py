@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -17,8 +18,8 @@ if TYPE_CHECKING:
 SIDE = 128
 """Pixels of the longer side of a thumbnail."""
 
-Kind = Literal["picture", "rig", "posed"]
-"""One picture from the front, pictures of the rig, or views with cameras of their own."""
+Kind = Literal["picture", "rig", "posed", "photographs"]
+"""One picture from the front, pictures of the rig, views with cameras of their own, or photographs without."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class SeenView:
         mask: (h, w, 4) the same of the foreground, white on black.
         weight: how much it counts, as the views say.
         sees: it shows something.
-        camera: c2w (4, 4) and K (3, 3).
+        camera: c2w (4, 4) and K (3, 3); None where it is still to be solved.
         size: width and height in pixels that K is for.
         path: of the picture.
     """
@@ -41,7 +42,7 @@ class SeenView:
     mask: NDArray[np.float32]
     weight: float
     sees: bool
-    camera: tuple[NDArray[np.float32], NDArray[np.float32]]
+    camera: tuple[NDArray[np.float32], NDArray[np.float32]] | None
     size: tuple[int, int]
     path: Path
 
@@ -61,15 +62,35 @@ def look(request: GenerationRequest, progress: Progress) -> Look:
         ArmError: as reading them for the run; `Cancelled` from `progress`.
     """
     progress(0.0, "reading the views")
-    from ...photographs.intake import has_cameras, read_views
-    from .generation_request import view_of_camera, view_options
+    from ...photographs.intake import read_views
+    from ...photographs.way import has_cameras, way_of
+    from ...report import Report
+    from .generation_request import solving_options, view_of_camera, view_options
 
-    if isinstance(request.views, Path):
-        views = read_views(request.views, None, view_options(request), progress)
-        kind: Kind = "posed" if has_cameras(request.views) else "picture" if len(views) == 1 else "rig"
-    else:
-        views, kind = [view_of_camera(picture) for picture in request.views], "posed"
+    if not isinstance(request.views, Path):
+        return Look("posed", tuple(_seen(view_of_camera(picture)) for picture in request.views))
+    if way_of(request.views, request.cameras).cameras == "solve":
+        return Look("photographs", tuple(_photographs(request.views, progress)))
+    untold = Report(request.preset, request.device, request.seed)  # A run says what this only shows.
+    views = read_views(request.views, None, view_options(request), solving_options(request), untold, progress)
+    kind: Kind = "posed" if has_cameras(request.views) else "picture" if len(views) == 1 else "rig"
     return Look(kind, tuple(_seen(view) for view in views))
+
+
+def _photographs(path: Path, progress: Progress) -> Iterator[SeenView]:
+    """The photographs of a folder as they are: nothing is cut out before their cameras are solved. None of a video."""
+    import numpy as np
+
+    from ...photographs.pictures import photographs_in
+    from ...photographs.video import is_video
+    from ...views.pillow_io import reduced
+
+    files = [] if is_video(path) else photographs_in(path)
+    for index, file in enumerate(files):
+        progress(index / len(files), f"reading {file.name}")
+        picture = np.ascontiguousarray(reduced(file, SIDE)[::-1].astype(np.float32) / 255.0)
+        height, width = picture.shape[:2]
+        yield SeenView(file.name, picture, np.ones_like(picture), 1.0, True, None, (width, height), file)
 
 
 def _seen(view: View) -> SeenView:

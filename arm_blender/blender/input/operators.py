@@ -50,9 +50,10 @@ class ARM_OT_add_cameras(bpy.types.Operator):
 
         settings = context.scene.arm
         seen = view_list.found(context)
-        if seen is not None and settings.source == "FILES" and seen.kind != "picture":
+        if seen is not None and settings.source == "FILES" and seen.kind in ("rig", "posed"):
             # A picture that was averaged down for the run still has the same view: K fits its shown size.
-            views: list[PlacedPicture] = [(view.name, *view.camera, *view.size, view.path) for view in seen.views]
+            posed = [(view, view.camera) for view in seen.views if view.camera is not None]
+            views: list[PlacedPicture] = [(view.name, *camera, *view.size, view.path) for view, camera in posed]
         else:
             views = _rig(settings.rig_distance, settings.fovy)
         made = add_cameras(context.scene, "ARM cameras", views)

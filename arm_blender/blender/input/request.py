@@ -58,6 +58,8 @@ def views_from_panel(context: bpy.types.Context, filepath: str = "") -> Generati
 def panel_weights(context: bpy.types.Context, request: GenerationRequest) -> tuple[float, ...] | None:
     """The ticks and weights of the panel's list, where it is that of the request's views; else None."""
     settings = context.scene.arm
+    if settings.views_kind == "photographs":  # Which become fewer views.
+        return None
     if not len(settings.views) or settings.views_of != views_key(context, request):
         return None
     return tuple(view.weight if view.use else 0.0 for view in settings.views)

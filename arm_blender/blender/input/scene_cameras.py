@@ -20,6 +20,9 @@ _SENSOR = 24.0
 
 _SHEAR = 1e-4
 
+GROUND = 1.5
+"""World units, half of the side of a ground that is shown: half as much again as the object."""
+
 
 def cameras_with_pictures(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """The cameras of a scene that have a background image, by name."""
@@ -84,6 +87,35 @@ def add_cameras(scene: bpy.types.Scene, name: str, views: Sequence[PlacedPicture
         collection.objects.link(camera)
         made.append(camera)
     return made
+
+
+def placed_views(folder: Path) -> tuple[list[PlacedPicture], float | None]:
+    """The views of a folder with transforms.json, to be put into a scene, and the height of the ground, where known.
+
+    Raises:
+        CameraError, InputImageError: as `read_transforms` and `read_orientation`.
+    """
+    from ...views.image_io import read_orientation
+    from ...views.transforms_json import TRANSFORMS, read_transforms
+
+    placed: list[PlacedPicture] = []
+    frames = read_transforms(folder / TRANSFORMS)
+    for frame in frames:
+        width, height, _ = read_orientation(frame.image)
+        camera = frame.camera(width, height)
+        placed.append((frame.image.stem, camera.c2w.numpy(), camera.K.numpy(), width, height, frame.image))
+    return placed, frames[0].ground
+
+
+def add_ground(collection: bpy.types.Collection, height: float) -> bpy.types.Object:
+    """A square at the height of what the object stands on, drawn as lines and never rendered."""
+    corners = [(x * GROUND, y * GROUND, 0.0) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    mesh = bpy.data.meshes.new("ARM ground")
+    mesh.from_pydata(corners, [], [(0, 1, 2, 3)])
+    ground = bpy.data.objects.new("ARM ground", mesh)
+    ground.location.z, ground.display_type, ground.hide_render = height, "WIRE", True
+    collection.objects.link(ground)
+    return ground
 
 
 def _backgrounds(lens: bpy.types.Camera) -> list[bpy.types.CameraBackgroundImage]:

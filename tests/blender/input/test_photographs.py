@@ -1,0 +1,82 @@
+"""Photographs are listed as they are; their solved cameras come into the scene, with the ground."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import arm_blender
+from arm_blender.views.rigs import zero123plus_rig
+from arm_blender.views.transforms_json import write_transforms
+
+bpy = pytest.importorskip("bpy")
+from arm_blender.photographs import intake  # noqa: E402
+
+from ...pictures import SIZE, six_pictures  # noqa: E402
+
+pytestmark = pytest.mark.blender
+
+
+@pytest.fixture
+def panel(empty_file):
+    arm_blender.register()
+    yield bpy.context.scene.arm
+    arm_blender.unregister()
+
+
+@pytest.fixture
+def shoe(tmp_path):
+    """A folder of seven photographs that know nothing of cameras."""
+    folder = tmp_path / "shoe"
+    folder.mkdir()
+    for index in range(7):
+        pixels = np.random.default_rng(index).integers(0, 255, (48, 64, 3), np.uint8)
+        Image.fromarray(pixels).save(folder / f"IMG_{index}.jpg")
+    return folder
+
+
+def test_photographs_are_listed_without_cutting_anything_out(panel, shoe):
+    panel.views_path = str(shoe)
+    assert bpy.ops.arm.look() == {"FINISHED"}
+    assert panel.views_kind == "photographs"
+    assert [view.name for view in panel.views] == [f"IMG_{index}.jpg" for index in range(7)]
+
+
+def solved(shoe, doubt=None):
+    """Stands in for solving: six views of the rig, standing on a ground."""
+
+    def make(path, folder, options, solving, report, progress):
+        assert path == shoe and folder == shoe.with_name("shoe-views")
+        six_pictures(folder)
+        names, cameras = [f"{i}.png" for i in range(6)], zero123plus_rig(4.0, 30.0, SIZE)
+        write_transforms(folder / "transforms.json", names, cameras, ground=-0.75)
+        if doubt is not None:
+            report.doubt(doubt)
+        return folder
+
+    return make
+
+
+def test_solved_cameras_come_into_the_scene_with_the_ground(panel, shoe, monkeypatch):
+    monkeypatch.setattr(intake, "make_views", solved(shoe))
+    panel.views_path = str(shoe)
+    assert bpy.ops.arm.solve_cameras() == {"FINISHED"}
+    cameras = [item for item in bpy.context.scene.objects if item.type == "CAMERA"]
+    assert len(cameras) == 6 and all(camera.data.background_images[0].image is not None for camera in cameras)
+    assert np.array(cameras[0].matrix_world) == pytest.approx(zero123plus_rig(4.0, 30.0, SIZE)[0].c2w.numpy(), abs=1e-5)
+    ground = bpy.data.objects["ARM ground"]
+    assert ground.location.z == pytest.approx(-0.75) and ground.hide_render
+    assert panel.views_path == str(shoe.with_name("shoe-views")), "the views are what is generated from"
+    bpy.ops.arm.look()
+    assert panel.views_kind == "posed" and len(panel.views) == 6
+
+
+def test_a_doubtful_solution_says_so(panel, shoe, monkeypatch, capfd):
+    monkeypatch.setattr(intake, "make_views", solved(shoe, "two ways to solve the cameras disagree"))
+    panel.views_path = str(shoe)
+    bpy.ops.arm.solve_cameras()
+    assert "Doubtful: two ways to solve the cameras disagree" in "".join(capfd.readouterr())
+
+
+def test_nothing_chosen_is_one_line(panel):
+    with pytest.raises(RuntimeError, match="Choose an image"):
+        bpy.ops.arm.solve_cameras()
