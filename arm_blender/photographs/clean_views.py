@@ -23,7 +23,7 @@ from ..views.mask_files import read_mask
 from ..views.preprocess import MAXIMUM_SIDE, MINIMUM_SIDE
 from ..views.transforms_json import MAXIMUM_VIEWS, TRANSFORMS, write_transforms
 from .capture import Capture, PosedPhotograph
-from .cut_out import CutOut, PaintedMask, cut_out, read_photograph
+from .cut_out import CutOut, PaintedMask, cut_out, quick_look
 from .framing import Window
 from .selection import (
     BLURRED,
@@ -170,11 +170,11 @@ class _Cleaning:
         for index, photograph in enumerate(self.photographs):
             progress(index / len(self.photographs), f"looking at {photograph.path.name}")
             try:
-                image = read_photograph(photograph.path, photograph.lens)
+                image = quick_look(photograph.path, photograph.lens)
             except InputImageError as error:
                 first, self.reasons[index] = first or error, str(error)
                 continue
-            largest = max(largest, min(image.shape[1:]))
+            largest = max(largest, min(photograph.lens.width, photograph.lens.height))
             measured[index] = sharpness(image, place_of(center, photograph.c2w, self.tables[photograph.lens]))
         if not measured and first is not None:
             raise first

@@ -3,9 +3,13 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+import torch
+from PIL import Image, ImageOps
 from torch import Tensor
 
 from ..errors import InputImageError
+from ..graphics.color import srgb_from_linear
 from ..progress import Progress
 from ..views.foreground import foreground
 from ..views.image_io import read_image
@@ -15,6 +19,12 @@ from ..views.preprocess import MAXIMUM_SIDE
 from .capture import Lens, PosedPhotograph
 from .framing import Window, around, is_cut, known_rectangle, whole_window
 from .undistort import RayTable, undistorted
+
+_GLANCE = 1024
+"""Pixels of the longer side that are enough to see how sharp a photograph is."""
+
+_BOX = 512
+"""Pixels of the longer side that are enough to see where a mask lies that is given."""
 
 
 @dataclass(frozen=True)
@@ -56,12 +66,32 @@ def read_photograph(path: Path, lens: Lens) -> Tensor:
         InputImageError: it cannot be read, or the lens is of a picture of another shape.
     """
     image = read_image(path)
-    height, width = image.shape[1:]
+    _check_shape(path, lens, *image.shape[1:])
+    return image
+
+
+def quick_look(path: Path, lens: Lens) -> Tensor:
+    """(1, H, W) grey levels in [0, 1] as the file has them, upright; a large JPEG is decoded at a half or a quarter.
+
+    Raises:
+        InputImageError: as `read_photograph`, as far as a glance shows.
+    """
+    try:
+        with Image.open(path) as picture:
+            picture.draft("L", (_GLANCE, _GLANCE))
+            grey = ImageOps.exif_transpose(picture).convert("L")
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):  # What Pillow does not read, we may.
+        return srgb_from_linear(read_photograph(path, lens)[:3]).mean(dim=0, keepdim=True)
+    _check_shape(path, lens, grey.height, grey.width)
+    return torch.from_numpy(np.asarray(grey, np.float32) / 255.0)[None]
+
+
+def _check_shape(path: Path, lens: Lens, height: int, width: int) -> None:
+    """Raises `InputImageError` where a lens is of a picture of another shape."""
     # As much as rounding can do to either side of a scaled picture.
     if abs(width * lens.height / (height * lens.width) - 1.0) > 1.0 / min(width, height, lens.width, lens.height):
         size = f"{lens.width}x{lens.height}"
         raise InputImageError(f"{path}: its camera is of {size} pixels, it has {width}x{height}; correct the camera")
-    return image
 
 
 def cut_out(
@@ -83,10 +113,11 @@ def cut_out(
     if photograph.mask is not None:
         image = with_mask(image, photograph.mask)
     progress(0.3, f"undistorting {name}")
-    whole = whole_window(table, min(MAXIMUM_SIDE, max(image.shape[1:])))
+    own = photograph.mask is not None or bool((image[3] < 0.5).any())
+    longest = _BOX if own or painted is not None else MAXIMUM_SIDE
+    whole = whole_window(table, min(longest, max(image.shape[1:])))
     seen, known = undistorted(image, table, whole.K, whole.width, whole.height)
     progress(0.4, f"cutting out {name}")
-    own = photograph.mask is not None or bool((image[3] < 0.5).any())
     if painted is not None:
         alpha, way = whole.of(read_mask(painted.path), painted.window), "painted mask"
     elif own:

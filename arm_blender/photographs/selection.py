@@ -8,8 +8,6 @@ import torch
 from torch import Tensor
 from torch.nn.functional import conv2d, interpolate, normalize
 
-from ..graphics.color import srgb_from_linear
-
 _SHARPNESS_SIDE = 512
 """Pixels of the square in which sharpness is measured: as fine as a view of the object will be, no finer."""
 
@@ -79,14 +77,14 @@ def sharpness(image: Tensor, place: tuple[float, float]) -> float:
     """Variance of the Laplacian beside that of the grey levels, of the object in a photograph; light cancels out.
 
     Args:
-        image: (4, H, W) linear.
+        image: (1, H, W) grey levels, sRGB.
         place: of the object: shares of width and height.
     """
     height, width = image.shape[1:]
     side = max(1, min(height, width) // 2)
     left = min(max(round(place[0] * width) - side // 2, 0), width - side)
     top = min(max(round(place[1] * height) - side // 2, 0), height - side)
-    window = srgb_from_linear(image[:3, top : top + side, left : left + side]).mean(dim=0, keepdim=True)[None]
+    window = image[None, :, top : top + side, left : left + side]
     if side > _SHARPNESS_SIDE:
         window = interpolate(window, size=(_SHARPNESS_SIDE, _SHARPNESS_SIDE), mode="area")
     kernel = torch.tensor([[0.0, 1.0, 0.0], [1.0, -4.0, 1.0], [0.0, 1.0, 0.0]])[None, None]

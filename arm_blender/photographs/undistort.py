@@ -113,7 +113,8 @@ def undistorted(image: Tensor, table: RayTable, K: Tensor, width: int, height: i
     if not bool(known.any()):
         return image.new_zeros(4, height, width), known
     source, places = _needed(image, places, known)
-    source = torch.cat([source[:3] * source[3:], source[3:]])
+    opaque = bool((source[3] == 1.0).all())
+    source = source[:3] if opaque else torch.cat([source[:3] * source[3:], source[3:]])
     # Averaged first: samples that lie further apart than the picture's pixels would skip some.
     steps = _step(places, known, dim=0), _step(places, known, dim=1)
     smaller = [
@@ -124,6 +125,8 @@ def undistorted(image: Tensor, table: RayTable, K: Tensor, width: int, height: i
     drawn = grid_sample(
         source[None], (places * 2.0 - 1.0)[None], mode="bicubic", padding_mode="border", align_corners=False
     )[0]
+    if opaque:
+        return torch.cat([drawn.clamp(0.0, 1.0), torch.ones_like(drawn[:1])]), known
     alpha = drawn[3:].clamp(0.0, 1.0)
     return torch.cat([(drawn[:3] / alpha.clamp(min=1e-6)).clamp(0.0, 1.0), alpha]), known
 
