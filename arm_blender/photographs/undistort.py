@@ -1,6 +1,7 @@
 """From what a lens drew to what a pinhole would have: where rays land comes from pycolmap, pixels through torch.
 
-pycolmap knows all of COLMAP's lenses, and solving needs it anyway. It is asked once for each lens, for a table of rays;
+pycolmap knows all of COLMAP's lenses, and solving needs it anyway; OpenCV's wheels want numpy 2, and Blender 4.2 brings
+1.26. It is asked once for each lens, for a table of rays;
 every window of every picture is then drawn from the file's own pixels in one step, at the size that is wanted.
 """
 
