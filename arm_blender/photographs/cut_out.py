@@ -12,7 +12,7 @@ from ..errors import InputImageError
 from ..graphics.color import srgb_from_linear
 from ..progress import Progress
 from ..views.foreground import foreground
-from ..views.image_io import read_image
+from ..views.image_io import read_image, read_orientation
 from ..views.mask_files import read_mask, with_mask
 from ..views.masks import sees_something
 from ..views.preprocess import MAXIMUM_SIDE
@@ -111,7 +111,7 @@ def cut_out(
     progress(0.0, f"reading {name}")
     image = read_photograph(photograph.path, photograph.lens)
     if photograph.mask is not None:
-        image = with_mask(image, photograph.mask)
+        image = with_mask(image, photograph.mask, read_orientation(photograph.path)[2])
     progress(0.3, f"undistorting {name}")
     own = photograph.mask is not None or bool((image[3] < 0.5).any())
     longest = _BOX if own or painted is not None else MAXIMUM_SIDE

@@ -13,6 +13,9 @@ from .image_io import SUFFIXES, read_image
 FOLDER = "masks"
 """Of masks, beside the pictures or the folder of the pictures."""
 
+_QUARTERS = {6: -1, 8: 1}
+"""Quarter turns, counter-clockwise, that set a picture of that EXIF orientation upright."""
+
 
 def mask_beside(picture: Path, root: Path) -> Path | None:
     """The mask of a picture where one lies: `NAME.mask.png`, `masks/NAME.png`, or `masks/NAME.SUFFIX.png`.
@@ -44,15 +47,20 @@ def read_mask(path: Path) -> Tensor:
     return srgb_from_linear(image[:3]).mean(dim=0)
 
 
-def with_mask(image: Tensor, mask: Path) -> Tensor:
-    """`image` (4, H, W) with the alpha that a file has for it, at any size.
+def with_mask(image: Tensor, mask: Path, orientation: int = 1) -> Tensor:
+    """`image` (4, H, W), upright, with the alpha that a file has for it, at any size.
 
+    Args:
+        orientation: by EXIF, of the image's file: a mask that lies as that file stores it is turned along.
     Raises:
         InputImageError: the mask is of another shape, or does not do as a picture.
     """
     alpha = read_mask(mask)
     if alpha.shape != image.shape[1:]:
         (height, width), (rows, columns) = image.shape[1:], alpha.shape
+        if orientation in _QUARTERS and (rows > columns) != (height > width):
+            alpha = torch.rot90(alpha, _QUARTERS[orientation])
+            rows, columns = alpha.shape
         # A pixel of rounding in a smaller mask is no other shape.
         if abs(columns * height / (rows * width) - 1.0) > 1.0 / min(rows, columns, height, width):
             raise InputImageError(f"{mask}: {columns}x{rows} pixels for a picture of {width}x{height}; give one alike")
