@@ -230,7 +230,7 @@ def _record(
     if options.zero123plus is not None:  # Its views lie beside the result, with their cameras.
         chosen["multiview"], views = "none", options.zero123plus.folder
     if made:
-        chosen["cameras"], views = "auto", args.output / "views"
+        chosen["cameras_from"], views = "auto", args.output / "views"
     mesh = None if args.mesh is None else args.mesh.stem
     record = AssetRecord(chosen, views.absolute(), mesh=mesh, frame=tuple(frame))
     return record.as_json(args.output.absolute())

@@ -187,9 +187,10 @@ class ViewKnobs:
         ),
     )
     """Of a single picture's crop or of the rig. A wrong one deepens or flattens the object."""
-    cameras: CamerasName = knob(
+    cameras_from: CamerasName = knob(
         "auto",
         "of several pictures: solve, rig, file or auto (default: auto, by what is there)",
+        option="cameras",
         listed=True,
     )
     """Where they come from: solved from photographs or a video, six known ones, or a file beside the pictures."""

@@ -60,7 +60,7 @@ def read_views(
     Raises:
         as `load_views`.
     """
-    way = way_of(path, options.cameras)
+    way = way_of(path, options.cameras_from)
     report.photographs = {"cameras": way.cameras, "why": way.why}
     if options.length is not None:
         report.photographs["metres_per_unit"] = options.length / 2.0
@@ -86,7 +86,7 @@ def make_views(
     if folder is not None and (path if path.is_dir() else path.parent).resolve() == folder.resolve():
         raise CameraError(f"{folder}: is read, and would be written over; choose another --output")
     place = _place(folder)
-    if way_of(path, options.cameras).cameras == "solve":
+    if way_of(path, options.cameras_from).cameras == "solve":
         facts = solved_views(path, place, solving, progress, report.leave_out, report.note_mask)
         report.photographs |= facts
         for reason in facts["doubts"]:
@@ -102,7 +102,7 @@ def views_are_made(path: Path, options: ViewOptions) -> bool:
     Raises:
         ArmError: as `way_of`.
     """
-    return way_of(path, options.cameras).cameras == "solve" or needs_cleaning(path)
+    return way_of(path, options.cameras_from).cameras == "solve" or needs_cleaning(path)
 
 
 def _place(folder: Path | None) -> Path:

@@ -134,10 +134,10 @@ def has_cameras(path: Path) -> bool:
 
 def _read(path: Path, options: ViewOptions, progress: Progress, left_out: LeaveOut, heard: Heard) -> list[View]:
     """The views at `path`, by what is there."""
-    if path.is_dir() and options.cameras != "rig" and (path / TRANSFORMS).is_file():
+    if path.is_dir() and options.cameras_from != "rig" and (path / TRANSFORMS).is_file():
         return _read(path / TRANSFORMS, options, progress, left_out, heard)
     pictures = pictures_in(path) if path.is_dir() else []
-    if options.cameras == "file" and not path.suffix.lower() == ".json":
+    if options.cameras_from == "file" and not path.suffix.lower() == ".json":
         raise CameraError(f"{path}: has no {TRANSFORMS}; add the cameras, or leave --cameras to auto")
     if len(pictures) == 1:
         return _read(pictures[0], options, progress, left_out, heard)

@@ -69,7 +69,7 @@ def look(request: GenerationRequest, progress: Progress) -> Look:
 
     if not isinstance(request.views, Path):
         return Look("posed", tuple(_seen(view_of_camera(picture)) for picture in request.views))
-    if way_of(request.views, request.cameras).cameras == "solve":
+    if way_of(request.views, request.cameras_from).cameras == "solve":
         return Look("photographs", tuple(_photographs(request.views, progress)))
     untold = Report(request.preset, request.device, request.seed)  # A run says what this only shows.
     views = read_views(request.views, None, view_options(request), solving_options(request), untold, progress)
