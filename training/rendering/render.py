@@ -22,6 +22,7 @@ from arm_blender.machine.files import only_writer
 
 from . import shard_writer
 from .assets import Asset, find_assets, in_order, manifest_assets
+from .captures import layouts as captures
 from .manifest import read_manifest
 
 logger = logging.getLogger(__name__)
@@ -42,7 +43,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--set", nargs="*", default=("pbr", "gso", "flat"), help="sets of the manifest")
     parser.add_argument("--ids", nargs="*", help="only these objects")
     parser.add_argument("--first", type=int, help="only so many objects")
-    parser.add_argument("--layout", choices=("samples", "views"), default="samples", help="views: for evaluation")
+    layouts = ("samples", "views", "capture", "scenes")
+    words = "views: for evaluation; capture: as by a phone; scenes: to learn cutting objects out of"
+    parser.add_argument("--layout", choices=layouts, default="samples", help=words)
     parser.add_argument("--cameras", choices=("paper", "varied"), default="paper", help="varied: as users' pictures")
     parser.add_argument("--views", type=int, default=32, help="random views beside the six inputs")
     parser.add_argument("--lightings", type=int, default=1, help="rigs an object, each under its own light")
@@ -59,6 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-denoise", action="store_true")
     parser.add_argument("--cpu", action="store_true", help="leave graphics devices alone")
     parser.add_argument("--seed", type=int, default=0)
+    captures.add_arguments(parser)
     parser.add_argument("--shard-size", type=int, default=64, help="objects a shard, those left out among them")
     parser.add_argument("--jobs", type=int, default=1, help="processes side by side")
     parser.add_argument("--ray", metavar="ADDRESS", help="render on a Ray cluster, such as auto or HOST:6379")
@@ -73,6 +77,9 @@ def run(args: argparse.Namespace) -> int:
     if args.layout == "views":
         with only_writer(args.output):
             return _render_views(assets, hdris, args, render)
+    if args.layout in ("capture", "scenes"):
+        with only_writer(args.output):
+            return captures.run(assets, hdris, args, render)
     names = ("cameras", "views", "lightings", "distance", "area_lights", "any_material", "max_triangles", "seed")
     sample = {name: getattr(args, name) for name in names}
     settings = render | sample | {"hdris": [path.name for path in hdris], "own_hdris": own_hdris}

@@ -1,0 +1,77 @@
+"""The words of `python -m training render` for its layouts `capture` and `scenes`, and what they start."""
+
+import argparse
+import logging
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from arm_blender.commands.workers import side_by_side
+from arm_blender.errors import ArmError
+
+from ..assets import Asset, in_order
+from .rig import PICTURES, SPOILT, CaptureConfig
+from .surroundings import ground_textures
+
+logger = logging.getLogger(__name__)
+
+SCENES_TASK = "training.rendering.captures.scenes_blender"
+"""Its `answer(item, words)` renders one object's pictures."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of both layouts."""
+    parser.add_argument("--pictures", type=int, help="of a capture, 12 to 40, 24 by default; of an object's scenes, 4")
+    parser.add_argument("--settings", type=int, default=1, help="captures of an object, each in another place")
+    parser.add_argument("--k1", type=float, default=0.0, help="radial distortion of a capture's lens, -0.1 to 0.1")
+    parser.add_argument("--spoilt", choices=SPOILT, help="what is wrong with a capture on purpose")
+
+
+def run(assets: Sequence[Asset], hdris: Sequence[Path], args: argparse.Namespace, render: dict[str, Any]) -> int:
+    """Render what is not rendered yet; the exit status.
+
+    Raises:
+        ArmError: an option is out of its range, or there is no texture or environment.
+    """
+    if args.data is None:
+        raise ArmError(f"--layout {args.layout}: needs textures for the ground; give --data DIR or set ARM_DATA")
+    textures = ground_textures(args.data.resolve(), args.split)
+    hdris = [path.resolve() for path in hdris]
+    if not hdris:
+        raise ArmError(f"{args.data}: no environment map of the split {args.split}; give some with --hdri")
+    if args.layout == "scenes":
+        return _scenes(assets, hdris, textures, args, render)
+    from ..passes_blender import RenderConfig
+    from .capture_blender import render_captures
+
+    config = CaptureConfig(args.pictures or 24, args.resolution, args.k1, args.spoilt, args.seed)
+    if not (PICTURES[0] <= config.pictures <= PICTURES[1] and abs(config.k1) <= 0.1):
+        raise ArmError(f"--pictures {config.pictures} --k1 {config.k1}: give 12 to 40 pictures, and k1 of -0.1 to 0.1")
+    device = RenderConfig(**render, gpu=not args.cpu)
+    return render_captures(assets, hdris, textures, args.output, device, config, args.settings)
+
+
+def _scenes(
+    assets: Sequence[Asset],
+    hdris: Sequence[Path],
+    textures: Sequence[Path],
+    args: argparse.Namespace,
+    render: dict[str, Any],
+) -> int:
+    words = {
+        "output": str(args.output.resolve()),
+        "render": render | {"gpu": not args.cpu},
+        "scenes": {"views": args.pictures or 4, "seed": args.seed},
+        "hdris": [str(path) for path in hdris],
+        "textures": [str(path) for path in textures],
+    }
+    waiting = [asdict(asset) for asset in in_order(assets) if not (args.output / f"{asset.key}.npz").exists()]
+    failed = 0
+    for index, (item, answer) in enumerate(side_by_side(waiting, args.jobs, SCENES_TASK, words) if waiting else ()):
+        dropped = "its process died over it" if answer is None else answer["dropped"]
+        if dropped:
+            failed += 1
+            logger.warning("%s: left out: %s", item["key"], dropped)
+        logger.info("%d of %d, %s", index + 1, len(waiting), item["key"])
+    return 1 if waiting and failed == len(waiting) else 0
