@@ -28,6 +28,7 @@ COMMANDS = {
     "shading": ("training.studies.shading_blender", "compare the direct light of our BRDF with Cycles'"),
     "presets": ("training.studies.presets", "count the parameters of every preset"),
     "paper-step": ("training.studies.paper_step", "count and run a training step at the paper's sizes"),
+    "evaluate-masks": ("training.studies.captured_masks", "compare the masks of simulated captures with the truth"),
     "credits": ("training.studies.credits", "list the sources of the training objects"),
 }
 STAGES = {
@@ -36,6 +37,7 @@ STAGES = {
     "material-prior": ("training.stages.material_prior", "InstantAlbedo's encoder, on materials that are known"),
     "delighting": ("training.stages.delighting", "InstantAlbedo's sense of light, at points of GeoRM's shapes"),
     "instant-albedo": ("training.stages.instant_albedo", "InstantAlbedo: albedo and lighting-baked colour"),
+    "cutout": ("training.stages.cutout", "what of a photograph is the object"),
     "georm-volume": ("training.stages.georm_volume", "the paper's GeoRM, by rendering its density: its first stage"),
     "georm-surface": (
         "training.stages.georm_surface",

@@ -8,18 +8,21 @@ from torch import Tensor
 from torch.nn.functional import interpolate
 
 from ..errors import InputImageError
-from .masks import Unsure, sees_something
+from .cutout import cut_out
+from .masks import Unsure, doubt, sees_something
 from .matting import matted_by_model, matted_by_rembg
 from .plain_background import plain_foreground
 from .preprocess import check_size, limit_size
 
 Heard = Callable[[str, str], None]
-"""Is told of each picture, by its name, which way its mask was found; `Report.note_mask` is one."""
+"""Is told of each picture, by its name, which way its mask was found, and again what is doubtful about it;
+`Report.note_mask` is one."""
 
 WAYS: dict[str, Callable[[Tensor], Tensor]] = {
     "matting model": matted_by_model,
     "rembg": matted_by_rembg,
     "plain background": plain_foreground,
+    "small network": cut_out,
 }
 """How the mask (H, W) of a picture (4, H, W) without alpha is found, in this order."""
 
@@ -36,7 +39,7 @@ def foreground(image: Tensor, path: Path, heard: Heard = unheard) -> Tensor:
 
     Args:
         path: of the picture, for messages.
-        heard: is told which way it was: "alpha", or one of `WAYS`.
+        heard: is told which way it was: "alpha", or one of `WAYS`; and where the mask found is doubtful, why.
     Raises:
         InputImageError: opaque, and no way is sure; or too small.
         CheckpointError: a matting model is there, but damaged.
@@ -49,11 +52,13 @@ def foreground(image: Tensor, path: Path, heard: Heard = unheard) -> Tensor:
     for way, find in WAYS.items():
         try:
             alpha = find(limited)
-        except Unsure as doubt:
-            doubts.append(str(doubt))
+        except Unsure as unsure:
+            doubts.append(str(unsure))
             continue
         if sees_something(alpha) and not bool((alpha > 0.5).all()):
             heard(path.name, way)
+            if why := doubt(alpha):
+                heard(path.name, f"doubtful: {why}")
             alpha = alpha[None].to(image)
             if limited is not image:
                 alpha = interpolate(alpha[None], size=image.shape[1:], mode="bilinear")[0]

@@ -2,12 +2,26 @@
 
 import torch
 from torch import Tensor
+from torch.nn.functional import max_pool2d
 
 _MINIMUM_SHARE = 2e-4
 """Of all pixels, how many must be foreground: three pixels of a view of 128 x 128, not a speck of dust."""
 
 _SPECK_SHARE = 0.01
 """Of the largest part's pixels; what is smaller and touches nothing is noise, and would move the crop."""
+
+
+_EDGE = 0.008
+"""Of the picture's longer side, half of how wide the soft edge of an object may be."""
+
+_TORN_SHARE = 0.03
+"""Of an object's pixels, how many beyond soft edges may be neither it nor background."""
+
+_BORDER_SHARE = 0.35
+"""Of the picture's border, how much an object may take: more than one side and a half is rather the ground."""
+
+_RIVAL_SHARE = 0.4
+"""Of the largest part's pixels, how many the second one may have."""
 
 
 class Unsure(Exception):
@@ -17,6 +31,27 @@ class Unsure(Exception):
 def sees_something(alpha: Tensor) -> bool:
     """Whether enough of `alpha` (H, W) is opaque for an object to be there."""
     return int((alpha > 0.5).sum()) >= max(3, _MINIMUM_SHARE * alpha.numel())
+
+
+def doubt(alpha: Tensor) -> str | None:
+    """What about a mask (H, W) that was found by itself is not like that of one whole object; None where nothing is.
+
+    A doubtful mask may be right all the same, such as that of a close-up.
+    """
+    mask = alpha > 0.5
+    torn = ((alpha > 0.15) & (alpha < 0.85)).float()[None, None]
+    reach = max(1, round(_EDGE * max(alpha.shape)))
+    # A soft edge is narrow, and gone once what is torn is taken back from both sides.
+    torn = 1.0 - max_pool2d(1.0 - torn, 2 * reach + 1, 1, reach)
+    if float(torn.sum()) > _TORN_SHARE * int(mask.sum()):
+        return "how far the object reaches is not certain"
+    border = torch.cat([mask[0], mask[-1], mask[:, 0], mask[:, -1]])
+    if float(border.float().mean()) > _BORDER_SHARE:
+        return "it reaches along much of the picture's border"
+    areas = torch.bincount(parts(mask).flatten())[1:].sort(descending=True).values
+    if len(areas) > 1 and int(areas[1]) > _RIVAL_SHARE * int(areas[0]):
+        return "it has several parts of about one size"
+    return None
 
 
 def flooded(seeds: Tensor, passable: Tensor) -> Tensor:

@@ -38,7 +38,7 @@ def test_alpha_that_is_there_is_kept(orange, weights_folder):
 
 def test_the_first_way_that_is_sure_is_taken(orange, monkeypatch):
     half = torch.zeros(100, 140)
-    half[:50] = 0.75
+    half[:50, :70] = 0.9
     calls = []
     monkeypatch.setitem(WAYS, "matting model", doubting)
     monkeypatch.setitem(WAYS, "rembg", lambda image: half)
@@ -47,6 +47,15 @@ def test_the_first_way_that_is_sure_is_taken(orange, monkeypatch):
     found = foreground(orange, PATH, lambda *words: heard.append(words))
     assert torch.equal(found[3], half) and torch.equal(found[:3], orange[:3])
     assert heard == [("mug.png", "rembg")] and calls == []
+
+
+def test_a_doubtful_mask_is_taken_and_said_to_be_doubtful(orange, monkeypatch):
+    torn = torch.zeros(100, 140)
+    torn[30:70, 20:60], torn[30:70, 60:120] = 0.9, 0.6
+    monkeypatch.setitem(WAYS, "matting model", lambda image: torn)
+    heard = []
+    assert torch.equal(foreground(orange, PATH, lambda *words: heard.append(words))[3], torn)
+    assert heard == [("mug.png", "matting model"), ("mug.png", "doubtful: how far the object reaches is not certain")]
 
 
 def test_all_or_nothing_is_no_object(orange, monkeypatch):

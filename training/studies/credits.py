@@ -13,12 +13,15 @@ from ..rendering.manifest import read_manifest
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The words of `python -m training credits`."""
     parser.add_argument("--data", type=Path, help="folder with manifest.json; ARM_DATA by default")
+    parser.add_argument("--more", type=Path, nargs="*", default=(), help="further data folders")
     parser.add_argument("--output", type=Path, default=Path("CREDITS.md"), help="document with a block named sources")
 
 
 def run(args: argparse.Namespace) -> int:
     """Fill the document's block of sources."""
-    fill_block(args.output, "sources", sources(read_manifest(args.data)))
+    manifests = [read_manifest(data) for data in (args.data, *args.more)]
+    whole = {key: [entry for manifest in manifests for entry in manifest[key]] for key in manifests[0]}
+    fill_block(args.output, "sources", sources(whole))
     print(args.output)
     return 0
 
