@@ -34,14 +34,17 @@ def run(assets: Sequence[Asset], hdris: Sequence[Path], args: argparse.Namespace
     Raises:
         ArmError: an option is out of its range, or there is no texture or environment.
     """
-    if args.data is None:
-        raise ArmError(f"--layout {args.layout}: needs textures for the ground; give --data DIR or set ARM_DATA")
-    textures = ground_textures(args.data.resolve(), args.split)
     hdris = [path.resolve() for path in hdris]
-    if not hdris:
-        raise ArmError(f"{args.data}: no environment map of the split {args.split}; give some with --hdri")
     if args.layout == "scenes":
-        return _scenes(assets, hdris, textures, args, render)
+        # Without a data folder grounds have one colour each, under Blender's own environments.
+        return _scenes(
+            assets, hdris, ground_textures(args.data.resolve(), args.split) if args.data else [], args, render
+        )
+    if args.data is None or not hdris:
+        raise ArmError(
+            "--layout capture: needs textures for the ground and environment maps; give a folder with both, --data DIR"
+        )
+    textures = ground_textures(args.data.resolve(), args.split)
     from ..passes_blender import RenderConfig
     from .capture_blender import render_captures
 
@@ -64,6 +67,7 @@ def _scenes(
         "render": render | {"gpu": not args.cpu},
         "scenes": {"views": args.pictures or 4, "seed": args.seed},
         "hdris": [str(path) for path in hdris],
+        "own_hdris": not args.hdri and args.split == "train",
         "textures": [str(path) for path in textures],
     }
     waiting = [asdict(asset) for asset in in_order(assets) if not (args.output / f"{asset.key}.npz").exists()]

@@ -23,7 +23,7 @@ from arm_blender.graphics.cameras import Camera, intrinsics_from_fovy, look_at
 from arm_blender.machine.quiet import STDOUT, silenced
 
 from ..assets import Asset
-from ..lighting_blender import add_area_lights
+from ..lighting_blender import add_area_lights, blender_environments
 from ..passes_blender import SCRATCH, RenderConfig, byte_image, configure_cycles
 from ..render_blender import illuminate
 from ..scene_blender import (
@@ -54,7 +54,8 @@ def answer(item: dict[str, Any], words: dict[str, Any]) -> dict[str, Any]:
 
     Args:
         item: an `Asset`, as a dictionary.
-        words: "output", a folder; "render" and "scenes", the configs; "hdris" and "textures", files.
+        words: "output", a folder; "render" and "scenes", the configs; "hdris" and "textures", files; "own_hdris", whether to
+            draw from Blender's as well.
     Returns:
         "key", and "dropped": the reason or None.
     """
@@ -63,7 +64,7 @@ def answer(item: dict[str, Any], words: dict[str, Any]) -> dict[str, Any]:
         with silenced(STDOUT):
             arrays = render_scenes(
                 asset,
-                [Path(path) for path in words["hdris"]],
+                [Path(path) for path in words["hdris"]] + (blender_environments() if words["own_hdris"] else []),
                 [Path(path) for path in words["textures"]],
                 RenderConfig(**words["render"]),
                 ScenesConfig(**words["scenes"]),
@@ -184,7 +185,7 @@ def _surroundings(
 def _surface(textures: Sequence[Path], size: float, rng: np.random.Generator) -> Surface:
     """Of a texture whose tile is 1 to 8 units wide, or of one colour."""
     roughness = float(rng.uniform(0.1, 1.0))
-    if rng.random() < 0.25:
+    if not textures or rng.random() < 0.25:
         grey, tint = rng.uniform(0.02, 0.9), rng.uniform(0.7, 1.0, 3)
         return Surface(color=tuple((grey * tint).tolist()), roughness=roughness)
     tile = float(np.exp(rng.uniform(0.0, math.log(8.0))))
