@@ -54,8 +54,8 @@ def answer(item: dict[str, Any], words: dict[str, Any]) -> dict[str, Any]:
 
     Args:
         item: an `Asset`, as a dictionary.
-        words: "output", a folder; "render" and "scenes", the configs; "hdris" and "textures", files; "own_hdris", whether to
-            draw from Blender's as well.
+        words: "output", a folder; "render" and "scenes", the configs; "hdris" and "textures", files; "own_hdris",
+            whether Blender's are drawn from as well.
     Returns:
         "key", and "dropped": the reason or None.
     """
