@@ -23,7 +23,7 @@ from arm_blender.graphics.color import bytes_from_unit
 
 from ..random_numbers import uniform
 
-COMPOSITES = 0.4
+COMPOSITES = 0.45
 """Share of the samples that are cut-outs over other surroundings; no light or shadow joins them, but there are many."""
 
 HELD_OUT_EVERY = 16
@@ -75,9 +75,15 @@ def read_scenes(folder: Path) -> list[Scenes]:
     return found
 
 
-def drawn(scenes: Sequence[Scenes], size: int, count: int, random: torch.Generator) -> tuple[Tensor, Tensor]:
-    """Random samples, seen by a random camera: (count, 3, size, size) sRGB and (count, 1, size, size) alpha."""
-    pairs = [_sample(scenes, size, random) for _ in range(count)]
+def drawn(
+    scenes: Sequence[Scenes], size: int, count: int, random: torch.Generator, places: Sequence[Tensor] = ()
+) -> tuple[Tensor, Tensor]:
+    """Random samples, seen by a random camera: (count, 3, size, size) sRGB and (count, 1, size, size) alpha.
+
+    Args:
+        places: (3, S, S) uint8 sRGB each, of `places.py`; cut-outs are laid over these as well as over empty scenes.
+    """
+    pairs = [_sample(scenes, places, size, random) for _ in range(count)]
     return torch.stack([rgb for rgb, _ in pairs]), torch.stack([alpha for _, alpha in pairs])
 
 
@@ -93,13 +99,20 @@ def plain(scenes: Sequence[Scenes], size: int) -> tuple[Tensor, Tensor]:
     return torch.stack(rgb), torch.stack(mask)
 
 
-def _sample(scenes: Sequence[Scenes], size: int, random: torch.Generator) -> tuple[Tensor, Tensor]:
+def _sample(
+    scenes: Sequence[Scenes], places: Sequence[Tensor], size: int, random: torch.Generator
+) -> tuple[Tensor, Tensor]:
     item, kind = scenes[_index(len(scenes), random)], uniform(random)
     if kind < EMPTY:
         picture = _unit(item, len(item.rgb) - 1)
         both = _window(picture, size, random)
     elif kind < EMPTY + COMPOSITES:
-        both = _composite(item, scenes[_index(len(scenes), random)], size, random)
+        other = scenes[_index(len(scenes), random)]
+        place = _unit(other, len(other.rgb) - 1)
+        if len(places) and uniform(random) < 0.5:
+            color = places[_index(len(places), random)].float() / 255.0
+            place = torch.cat([color, torch.zeros_like(color[:1])])
+        both = _composite(item, place, size, random)
     else:
         both = _window(_unit(item, _index(len(item.rgb) - 1, random)), size, random)
     if uniform(random) < 0.5:
@@ -145,10 +158,10 @@ def _around(low: float, high: float, side: int, fill: float, away: float) -> tup
     return min(max(middle, half - 1.0), 1.0 - half), half
 
 
-def _composite(item: Scenes, other: Scenes, size: int, random: torch.Generator) -> Tensor:
-    """An object (4, size, size) at any size and place, now and then cut by the border, before another's empty place."""
+def _composite(item: Scenes, place: Tensor, size: int, random: torch.Generator) -> Tensor:
+    """An object (4, size, size) at any size and place, now and then cut by the border, over an empty one (4, S, S)."""
     draw = partial(uniform, random)
-    ground = _window(_unit(other, len(other.rgb) - 1), size, random)[:3]
+    ground = _window(place, size, random)[:3]
     if draw() < 0.15:
         ground = torch.rand((3, 1, 1), generator=random) + 0.05 * (ground - ground.mean())
     picture = _unit(item, _index(len(item.rgb) - 1, random))
@@ -168,11 +181,28 @@ def _composite(item: Scenes, other: Scenes, size: int, random: torch.Generator) 
     # The rim of a cut-out has the colour of where it was.
     cut = grid_sample(picture[None], grid, mode="bilinear", padding_mode="zeros", align_corners=False)[0]
     alpha = cut[3:]
-    if draw() < 0.5:
+    if draw() < 0.3:
         soft = _blurred(alpha, draw(1.5, 6.0)).roll((_index(5, random), _index(9, random) - 4), dims=(1, 2))
         ground = ground * (1.0 - draw(0.2, 0.7) * soft)
+    elif draw() < 0.7 and bool((alpha > 0.5).any()):
+        ground = ground * (1.0 - draw(0.3, 0.8) * _cast_shadow(alpha, random))
     color = cut[:3] * draw(0.7, 1.3)
     return torch.cat([color * alpha + ground * (1.0 - alpha), alpha]).clamp(0.0, 1.0)
+
+
+def _cast_shadow(alpha: Tensor, random: torch.Generator) -> Tensor:
+    """The shadow (1, S, S) of an alpha (1, S, S) on a ground that begins at its feet, towards us or away."""
+    draw = partial(uniform, random)
+    side = alpha.shape[-1]
+    feet = 2.0 * (float(torch.nonzero((alpha[0] > 0.5).any(dim=1))[-1]) + 1.0) / side - 1.0
+    along = draw(0.15, 0.9) * (1.0 if draw() < 0.5 else -1.0)
+    sideways = draw(-1.5, 1.5)
+    # What is h above the feet falls h * along below them, and h * sideways to the right.
+    theta = torch.tensor(
+        [[[1.0, -sideways / along, feet * sideways / along], [0.0, -1.0 / along, feet + feet / along]]]
+    )
+    grid = affine_grid(theta, [1, 1, side, side], align_corners=False)
+    return _blurred(grid_sample(alpha[None], grid, padding_mode="zeros", align_corners=False)[0], draw(0.4, 2.0))
 
 
 def _developed(srgb: Tensor, random: torch.Generator) -> Tensor:

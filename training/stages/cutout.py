@@ -17,6 +17,7 @@ from arm_blender.weight_files import checkpoints
 
 from .. import distributed, options
 from ..datasets.cutout_samples import drawn, plain, read_scenes
+from ..datasets.places import read_places
 from ..picture_grid import grid
 from ..trainer import Trainer
 
@@ -32,6 +33,8 @@ SHOWN = 12
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What `python -m training fit cutout` takes."""
     parser.add_argument("--scenes", type=Path, required=True, help="folder of `render --layout scenes`")
+    parser.add_argument("--data", type=Path, help="environments and textures to lay objects over; ARM_DATA by default")
+    parser.add_argument("--more", type=Path, nargs="*", default=(), help="further data folders")
     parser.add_argument("--output", type=Path, required=True, help="safetensors file of the weights, float16")
     parser.add_argument("--start", type=Path, help="weights of this stage to go on from")
     parser.add_argument("--batch", type=int, default=12, help="pictures a step")
@@ -46,14 +49,16 @@ def run(args: argparse.Namespace) -> int:
     held_out = [scenes for scenes in known if scenes.held_out]
     if not training:
         raise ArmError(f"{args.scenes}: every object only validates; render more")
-    logger.info("%d objects, %d more validate", len(training), len(held_out))
+    folders = [args.data, *args.more] if args.data is not None else []
+    places = [place for folder in folders for place in read_places(folder, args.seed)]
+    logger.info("%d objects over %d places, %d more validate", len(training), len(places), len(held_out))
     torch.manual_seed(args.seed)
     model = Cutout(CutoutConfig())
     loop = Trainer.from_arguments(model, args)
     validated = plain(held_out, args.size) if held_out else None
 
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
-        srgb, alpha = drawn(training, args.size, args.batch, distributed.generator(args.seed, index))
+        srgb, alpha = drawn(training, args.size, args.batch, distributed.generator(args.seed, index), places)
         return cutout_loss(*model.both(srgb), alpha)
 
     averaged = loop.run(

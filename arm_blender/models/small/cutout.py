@@ -27,7 +27,7 @@ class CutoutConfig:
     heads: int = 4
     """Of the attention; they divide the last width."""
     side: int = 192
-    """Pixels of the longer side of what the network is shown; it was fitted on squares of 160."""
+    """Pixels of the longer side of what the network is shown; it was fitted on squares of 128."""
 
     @property
     def multiple(self) -> int:

@@ -72,6 +72,13 @@ def test_credit_goes_to_all_who_ask_for_it_and_to_no_object_of_the_eval_split(tm
     assert main(["credits", "--data", str(tmp_path), "--output", str(document)]) == 0
     assert text in document.read_text()
 
+    (tmp_path / "more").mkdir()
+    more = {"objects": [entry("mug", "CC-BY-4.0", "train")], "textures": [], "hdris": []}
+    (tmp_path / "more" / "manifest.json").write_text(json.dumps(more))
+    words = ["--data", str(tmp_path), "--more", str(tmp_path / "more"), "--output", str(document)]
+    assert main(["credits", *words]) == 0
+    assert all(f"| {name} | {name} by" in document.read_text() for name in ("cup", "mug"))
+
 
 def test_a_missing_manifest_is_named(tmp_path, capsys):
     assert main(["credits", "--data", str(tmp_path)]) == 1
