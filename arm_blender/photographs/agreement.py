@@ -1,0 +1,133 @@
+"""Masks across pictures: what the others carve away is no object, and a mask that carves what they all keep is wrong.
+
+Every mask but one makes a hull; that one is held against it. A few masks may dissent, for they may be wrong too.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn.functional import interpolate, max_pool2d
+
+from ..graphics.cameras import Camera
+from ..graphics.visual_hull import Outlines, signed_silhouette_distance
+from ..progress import Progress, silent
+
+_CELLS = 64
+"""Samples along a side of the box."""
+
+_OUTLINE_SIDE = 128
+"""Pixels a side at which distances to outlines are found."""
+
+_SLACK = 0.03
+"""World units by which outlines may differ: cameras and masks are never exact."""
+
+_DISSENT = 0.15
+"""Of the other masks, how many may carve a place away that the rest keeps."""
+
+_SPECK = 0.01
+"""Of a mask's pixels, how many may lie outside of the others' hull before a word is lost about it."""
+
+_STRANGE = 0.4
+"""Of a mask's pixels, how many outside make it another thing's mask."""
+
+_LACKING = 0.08
+"""Of the hull of the others, the share that one mask alone may carve away: what only it can see, such as a hole."""
+
+_FEWEST = 4
+"""Masks below which nothing can be told."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """What became of the masks.
+
+    Attributes:
+        masks: (V, 1, S, S) as they were given, or mended.
+        words: of each view that was mended or should be dropped, why.
+        dropped: views whose masks should carve nothing.
+    """
+
+    masks: Tensor
+    words: dict[int, str]
+    dropped: tuple[int, ...]
+
+
+def agreed(masks: Tensor, cameras: Sequence[Camera], progress: Progress = silent) -> Agreement:
+    """Mend or drop what most other masks contradict.
+
+    Args:
+        masks: (V, 1, S, S) alpha in [0, 1]; 0 beyond what a photograph shows is taken for background.
+        cameras: V of them, of S x S pixels; the object lies in [-1, 1]^3.
+        progress: is told about each view.
+    Raises:
+        ValueError: shapes differ.
+    """
+    count, side = len(masks), masks.shape[-1]
+    if masks.shape != (count, 1, side, side) or len(cameras) != count:
+        raise ValueError(f"masks must be (V, 1, S, S) of V cameras, got {tuple(masks.shape)}, {len(cameras)} cameras")
+    if count < _FEWEST:
+        return Agreement(masks, {}, ())
+    points = _grid()
+    outside, framed = _carved(masks, cameras, points)
+    carving = outside.int().sum(dim=0)  # (P,)
+    seen = framed.int().sum(dim=0)
+    mended, words, dropped = masks.clone(), dict[int, str](), list[int]()
+    for view in range(count):
+        progress(view / count, "comparing masks")
+        others = carving - outside[view].int()
+        # What hardly anybody frames is not known.
+        kept = (others <= _DISSENT * (seen - framed[view].int())) & (seen >= count / 2)
+        lacking = float((kept & (others == 0) & outside[view]).sum()) / max(1.0, float(kept.sum()))
+        possible = _shown(points[kept], cameras[view])
+        mask = masks[view, 0]
+        excess = float((mask * (1.0 - possible)).sum()) / max(1e-6, float(mask.sum()))
+        if lacking > _LACKING:
+            words[view] = f"its mask lacks a part that the others show ({lacking:.0%} of the shape)"
+            dropped.append(view)
+        elif excess > _STRANGE:
+            words[view] = f"its mask is not of what the others show ({excess:.0%} of it lies elsewhere)"
+            dropped.append(view)
+        elif excess > _SPECK:
+            words[view] = f"{excess:.0%} of its mask, which the others contradict, was taken away"
+            mended[view, 0] = mask * possible
+    if 2 * len(words) > count:
+        # Then the cameras are wrong, or the thing was moved: no majority is left to believe.
+        return Agreement(masks, dict.fromkeys(words, "the masks contradict each other; nothing was mended"), ())
+    return Agreement(mended, words, tuple(dropped))
+
+
+def _grid() -> Tensor:
+    """(P, 3) points of the box."""
+    axis = (torch.arange(_CELLS) + 0.5) / _CELLS * 2.0 - 1.0
+    return torch.stack(torch.meshgrid(axis, axis, axis, indexing="ij"), dim=-1).view(-1, 3)
+
+
+def _carved(masks: Tensor, cameras: Sequence[Camera], points: Tensor) -> tuple[Tensor, Tensor]:
+    """(V, P) bool each: a mask carves a point away; a picture frames it."""
+    small = interpolate(masks.float(), (_OUTLINE_SIDE, _OUTLINE_SIDE), mode="area")[:, 0]
+    silhouette = torch.stack([small, signed_silhouette_distance(small)], dim=1)
+    outside, framed = [], []
+    for view, camera in enumerate(cameras):
+        own = camera.resized(_OUTLINE_SIDE, _OUTLINE_SIDE)
+        outlines = Outlines(silhouette[None, view : view + 1], own.c2w[None, None].float(), own.K[None, None].float())
+        seen = outlines.project(points[None])
+        distance = outlines.read(seen)[1][0, 0]
+        framed.append(seen.framed[0, 0] > 0.0)
+        outside.append((distance < -_SLACK) & framed[-1])
+    return torch.stack(outside), torch.stack(framed)
+
+
+def _shown(points: Tensor, camera: Camera) -> Tensor:
+    """(S, S) in [0, 1]: where points (P, 3), each a cell wide, lie in a picture of S x S pixels."""
+    side = _CELLS  # A pixel is about as large as a cell.
+    own = camera.resized(side, side)
+    drawn = torch.zeros(side, side)
+    if len(points):
+        empty = torch.zeros(1, 1, 2, side, side)
+        seen = Outlines(empty, own.c2w[None, None].float(), own.K[None, None].float()).project(points[None])
+        place = ((seen.grid[0, 0] + 1.0) / 2.0 * side).floor().long().clamp(0, side - 1)[seen.framed[0, 0] > 0.0]
+        drawn[place[:, 1], place[:, 0]] = 1.0
+    near = max_pool2d(drawn[None, None], 3, 1, 1)
+    return interpolate(near, (camera.height, camera.width), mode="bilinear", align_corners=False)[0, 0]
