@@ -20,7 +20,7 @@ _CELLS = 64
 _OUTLINE_SIDE = 128
 """Pixels a side at which distances to outlines are found."""
 
-_SLACK = 0.03
+_SLACK = 0.02
 """World units by which outlines may differ: cameras and masks are never exact."""
 
 _DISSENT = 0.15
@@ -29,11 +29,14 @@ _DISSENT = 0.15
 _SPECK = 0.01
 """Of a mask's pixels, how many may lie outside of the others' hull before a word is lost about it."""
 
-_STRANGE = 0.4
-"""Of a mask's pixels, how many outside make it another thing's mask."""
+_HELD = 0.8
+"""Of what the others' hull shows in a picture, how much its mask must hold to be mended, however much else it holds."""
 
 _LACKING = 0.08
 """Of the hull of the others, the share that one mask alone may carve away: what only it can see, such as a hole."""
+
+_ALIKE, _CLEAN_SHARE = 0.2, 0.25
+"""Masks of which less than that share lies outside agree as they are. Where fewer than a quarter do, none is right."""
 
 _FEWEST = 4
 """Masks below which nothing can be told."""
@@ -73,26 +76,28 @@ def agreed(masks: Tensor, cameras: Sequence[Camera], progress: Progress = silent
     outside, framed = _carved(masks, cameras, points)
     carving = outside.int().sum(dim=0)  # (P,)
     seen = framed.int().sum(dim=0)
-    mended, words, dropped = masks.clone(), dict[int, str](), list[int]()
+    mended, words, dropped, clean = masks.clone(), dict[int, str](), list[int](), 0
     for view in range(count):
         progress(view / count, "comparing masks")
         others = carving - outside[view].int()
         # What hardly anybody frames is not known.
         kept = (others <= _DISSENT * (seen - framed[view].int())) & (seen >= count / 2)
         lacking = float((kept & (others == 0) & outside[view]).sum()) / max(1.0, float(kept.sum()))
-        possible = _shown(points[kept], cameras[view])
+        possible, certain = _shown(points[kept], cameras[view])
         mask = masks[view, 0]
         excess = float((mask * (1.0 - possible)).sum()) / max(1e-6, float(mask.sum()))
+        held = float((mask * certain).sum()) / max(1e-6, float(certain.sum()))
+        clean += excess < _ALIKE and lacking < _LACKING
         if lacking > _LACKING:
             words[view] = f"its mask lacks a part that the others show ({lacking:.0%} of the shape)"
             dropped.append(view)
-        elif excess > _STRANGE:
+        elif excess > _SPECK and held < _HELD:
             words[view] = f"its mask is not of what the others show ({excess:.0%} of it lies elsewhere)"
             dropped.append(view)
         elif excess > _SPECK:
             words[view] = f"{excess:.0%} of its mask, which the others contradict, was taken away"
             mended[view, 0] = mask * possible
-    if 2 * len(words) > count:
+    if clean < _CLEAN_SHARE * count or 2 * len(dropped) > count:
         # Then the cameras are wrong, or the thing was moved: no majority is left to believe.
         return Agreement(masks, dict.fromkeys(words, "the masks contradict each other; nothing was mended"), ())
     return Agreement(mended, words, tuple(dropped))
@@ -119,9 +124,9 @@ def _carved(masks: Tensor, cameras: Sequence[Camera], points: Tensor) -> tuple[T
     return torch.stack(outside), torch.stack(framed)
 
 
-def _shown(points: Tensor, camera: Camera) -> Tensor:
-    """(S, S) in [0, 1]: where points (P, 3), each a cell wide, lie in a picture of S x S pixels."""
-    side = _CELLS  # A pixel is about as large as a cell.
+def _shown(points: Tensor, camera: Camera) -> tuple[Tensor, Tensor]:
+    """(S, S) in [0, 1] each: where points (P, 3), a cell apart, may show a solid in a picture, and where they must."""
+    side = _OUTLINE_SIDE  # A pixel is about as large as a cell, or a little less.
     own = camera.resized(side, side)
     drawn = torch.zeros(side, side)
     if len(points):
@@ -130,4 +135,7 @@ def _shown(points: Tensor, camera: Camera) -> Tensor:
         place = ((seen.grid[0, 0] + 1.0) / 2.0 * side).floor().long().clamp(0, side - 1)[seen.framed[0, 0] > 0.0]
         drawn[place[:, 1], place[:, 0]] = 1.0
     near = max_pool2d(drawn[None, None], 3, 1, 1)
-    return interpolate(near, (camera.height, camera.width), mode="bilinear", align_corners=False)[0, 0]
+    far = 1.0 - max_pool2d(1.0 - near, 7, 1, 3)
+    both = torch.cat([near, far], dim=1)
+    possible, certain = interpolate(both, (camera.height, camera.width), mode="bilinear", align_corners=False)[0]
+    return possible, certain

@@ -14,7 +14,7 @@ from torch.nn.functional import avg_pool2d, interpolate, pad
 from ..graphics.color import srgb_from_linear
 from ..models.small.cutout import Cutout, CutoutConfig
 from ..weight_files import checkpoints
-from .masks import Unsure, sees_something, without_specks
+from .masks import Unsure, parts, sees_something, without_specks
 
 WEIGHTS = "small.cutout"
 """The name under which the network is registered."""
@@ -24,6 +24,9 @@ _MAYBE = 0.4
 
 _ROOM = 0.72
 """Share of the second look's window that the object takes along its longer side."""
+
+_MAIN_SHARE = 0.3
+"""Of the largest part's pixels, how many another part needs to be looked at with it."""
 
 _LARGE = 0.75
 """Share of the picture from which on a window around the object is no second look."""
@@ -96,7 +99,7 @@ def _look(network: Cutout, srgb: Tensor) -> Tensor:
 
 def _window(probability: Tensor) -> tuple[float, float, float, float] | None:
     """Top, bottom, left and right, in [0, 1], of a look around the object; None where that is the whole picture."""
-    maybe = without_specks(probability > _MAYBE)
+    maybe = _main_parts(probability > _MAYBE)
     if not bool(maybe.any()):
         return None
     spans = []
@@ -111,6 +114,14 @@ def _window(probability: Tensor) -> tuple[float, float, float, float] | None:
         window += [max(middle - half, 0.0) / side, min(middle + half, float(side)) / side]
     top, bottom, left, right = window
     return None if (bottom - top) * (right - left) > _LARGE else (top, bottom, left, right)
+
+
+def _main_parts(mask: Tensor) -> Tensor:
+    """`mask` (H, W) bool without what is small beside its largest part: clutter that lies elsewhere."""
+    part = parts(mask)
+    areas = torch.bincount(part.flatten())
+    areas[0] = 0
+    return mask & (areas >= _MAIN_SHARE * areas.max())[part]
 
 
 def _pixels(window: tuple[float, float, float, float], height: int, width: int) -> tuple[int, int, int, int]:

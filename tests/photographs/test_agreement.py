@@ -62,11 +62,21 @@ def test_a_mask_that_lacks_half_of_the_object_is_dropped_and_carves_no_other(mas
     assert found.dropped == (5,) and "lacks a part" in found.words[5] and set(found.words) == {5}
 
 
+def test_however_much_clutter_a_mask_has_what_the_others_show_is_left(masks, cameras):
+    spoilt = masks.clone()
+    for k in (2, 7, 11):
+        spoilt[k, 0, :60] = 1.0
+    found = agreed(spoilt, cameras)
+    assert set(found.words) == {2, 7, 11} and found.dropped == ()
+    for k in (2, 7, 11):
+        assert iou(spoilt[k], masks[k]) < 0.3 and iou(found.masks[k], masks[k]) > 0.9
+
+
 def test_a_mask_of_something_else_is_dropped(masks, cameras):
     spoilt = masks.clone()
-    spoilt[8] = torch.maximum(masks[8], torch.zeros_like(masks[8]).index_fill(1, torch.arange(0, 60), 1.0))
+    spoilt[8] = masks[8].roll(70, dims=-1)
     found = agreed(spoilt, cameras)
-    assert found.dropped == (8,) and "elsewhere" in found.words[8]
+    assert found.dropped == (8,) and set(found.words) == {8}
 
 
 def test_where_the_object_leaves_the_picture_nothing_is_carved(masks, cameras):
@@ -82,14 +92,10 @@ def test_where_the_object_leaves_the_picture_nothing_is_carved(masks, cameras):
     assert found.words == {} and torch.equal(found.masks, cut)
 
 
-@pytest.mark.parametrize("spoilt", ["cameras", "masks"])
-def test_where_masks_and_cameras_do_not_belong_together_nothing_is_mended_and_it_is_said(masks, cameras, spoilt):
-    if spoilt == "cameras":
-        cameras = [cameras[(5 * k) % len(cameras)] for k in range(len(cameras))]
-    else:
-        masks = torch.stack([mask.roll(25 * (-1) ** k, dims=-2) for k, mask in enumerate(masks)])
-    found = agreed(masks, cameras)
-    assert torch.equal(found.masks, masks) and found.dropped == ()
+def test_where_masks_and_cameras_do_not_belong_together_nothing_is_mended_and_it_is_said(masks, cameras):
+    moved = torch.stack([mask.roll(25 * (-1) ** k, dims=-2) for k, mask in enumerate(masks)])
+    found = agreed(moved, cameras)
+    assert torch.equal(found.masks, moved) and found.dropped == ()
     assert len(found.words) > len(masks) / 2 and all("contradict each other" in word for word in found.words.values())
 
 
