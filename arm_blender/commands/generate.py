@@ -122,8 +122,8 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
     check_output(args.output)
     report = run_of.begin(args.preset, args.device, args.seed, progress)
     from ..export import write_asset, written_names
+    from ..photographs.cameras.solving import SolvingOptions
     from ..photographs.intake import load_views, views_are_made
-    from ..photographs.solving import SolvingOptions
     from ..uv.mesh_file import read_mesh
     from ..views.placement import on_the_ground
     from ..views.scene_frame import IDENTITY

@@ -26,6 +26,9 @@ REQUIRED = {
 MULTIVIEW = {"diffusers": "diffusers", "transformers": "transformers"}
 """What drawing six views of one picture needs besides."""
 
+PHOTOS = {"pycolmap": "pycolmap", "pillow-heif": "pillow_heif", "av": "av"}
+"""What photographs without cameras, HEIC and videos need besides."""
+
 
 def missing(packages: dict[str, str]) -> list[str]:
     """The packages whose modules are not found; nothing is imported."""

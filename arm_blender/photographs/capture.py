@@ -52,14 +52,16 @@ class Capture:
         points: (P, 3) float64, solved surface points in that frame; may be none.
         left_out: of every other picture its name, and why it has no camera.
         ground: height (Z) of what the object stands on, where that is known.
+        solved: nobody said the cameras; they were found from the pictures.
     """
 
     photographs: tuple[PosedPhotograph, ...]
     points: Tensor
     left_out: dict[str, str] = field(default_factory=dict)
     ground: float | None = None
+    solved: bool = False
 
     @property
     def varying_exposure(self) -> bool:
-        """Whether a camera that exposes by itself took them, as far as their files tell: programs write PNG."""
-        return any(photograph.path.suffix.lower() in OF_CAMERAS for photograph in self.photographs)
+        """Whether a camera that exposes by itself took them, as far as is known: programs that pose write PNG."""
+        return self.solved or any(photograph.path.suffix.lower() in OF_CAMERAS for photograph in self.photographs)

@@ -11,9 +11,9 @@ from ..report import Report
 from ..structures import ViewSet
 from ..views import ViewOptions, view_set
 from ..views.multiview import View
+from .cameras.solving import SolvingOptions
 from .clean_views import clean_views
 from .foreign import needs_cleaning, read_capture
-from .solving import SolvingOptions
 from .way import solved_views, way_of
 
 _MAKING = 0.9

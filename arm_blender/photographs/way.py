@@ -17,10 +17,10 @@ from ..views.foreground import Heard, unheard
 from ..views.image_io import pictures_in
 from ..views.rigs import AZIMUTHS_DEG
 from ..views.transforms_json import TRANSFORMS
+from .cameras.solving import SolvingOptions, solved
 from .clean_views import CleaningOptions, clean_views
 from .colmap_model import model_folder
 from .pictures import looked_at, photographs_in
-from .solving import SolvingOptions, solved
 from .video import frames_of, is_video
 
 logger = logging.getLogger(__name__)
@@ -66,7 +66,7 @@ def way_of(path: Path, wish: CamerasName) -> Way:
     if len(pictures) < 2:
         return Way("single", "there is one picture")
     if len(pictures) == len(AZIMUTHS_DEG) and _is_rig(pictures):
-        return Way("rig", f"{len(pictures)} square pictures of one size that no camera took")
+        return Way("rig", f"{len(pictures)} square pictures that no camera took")
     return Way("solve", f"{len(pictures)} photographs without cameras")
 
 
@@ -131,13 +131,12 @@ def _pictures(path: Path) -> list[Path]:
 
 
 def _is_rig(pictures: list[Path]) -> bool:
-    """Whether pictures are square, of one size, and know no focal length: made by a program for a known rig."""
+    """Whether pictures are square and know no focal length: made by a program for a known rig, which wants one size."""
     try:
         looks = [looked_at(picture) for picture in pictures]
     except InputImageError:
         return True  # Whoever reads them next says what is wrong, or knows formats that this does not.
-    sizes = {(look.width, look.height) for look in looks}
-    return len(sizes) == 1 and looks[0].width == looks[0].height and not any(look.focal for look in looks)
+    return looks[0].width == looks[0].height and not any(look.focal for look in looks)
 
 
 def _source(path: Path, options: SolvingOptions) -> dict[str, Any]:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from ...photographs.solving import SolvingOptions
+    from ...photographs.cameras.solving import SolvingOptions
     from ...progress import Progress
     from ...report import Report
     from ...structures import ViewSet
@@ -104,7 +104,7 @@ def view_options(request: GenerationRequest) -> ViewOptions:
 
 def solving_options(request: GenerationRequest) -> SolvingOptions:
     """How cameras of photographs are solved."""
-    from ...photographs.solving import SolvingOptions
+    from ...photographs.cameras.solving import SolvingOptions
 
     return SolvingOptions(threads=request.threads, seed=request.seed)
 

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
-from ..errors import InputImageError
-from ..graphics.color import linear_from_srgb
-from ..progress import Progress
-from ..views.foreground import Heard, foreground
-from ..views.pillow_io import reduced
-from .pictures import Photograph, looked_at
+from ...errors import InputImageError
+from ...graphics.color import linear_from_srgb
+from ...progress import Progress
+from ...views.foreground import Heard, foreground
+from ...views.pillow_io import reduced
+from ..pictures import Photograph, looked_at
 
 SIDE = 1280
 """Pixels of the longer side: features of larger pictures take longer and place cameras no better than a mask needs."""

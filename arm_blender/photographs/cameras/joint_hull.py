@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import adaptive_avg_pool2d
 
-from .capture import Lens
+from ..capture import Lens
 
 _CELLS = 72
 """Samples a side of the grid."""
@@ -15,8 +15,8 @@ _CELLS = 72
 _SIDE = 128
 """Pixels of the longer side of the masks that are looked at."""
 
-_SUPPORT = 0.8
-"""Of the pictures that see a point, how many masks must hold it: one or two bad masks carve nothing away."""
+_SUPPORT, _CORE = 0.9, 0.95
+"""Of the pictures that see a point, how many masks must hold it: a bad mask or two of twenty carve nothing away."""
 
 
 @dataclass(frozen=True)
@@ -25,11 +25,13 @@ class JointHull:
 
     Attributes:
         points: (P, 3) float64, samples of its inside; none where the masks meet nowhere.
+        core: those of them that nearly all masks support, for the object's size; all, where the masks do not agree.
         cell: between samples.
         agreement: (V,) of each picture with a mask, how much its mask and the hull's picture have in common, in [0, 1].
     """
 
     points: Tensor
+    core: Tensor
     cell: float
     agreement: Tensor
 
@@ -68,7 +70,7 @@ def joint_hull(w2c: Tensor, lenses: tuple[Lens, ...], masks: list[Tensor]) -> Jo
     # The grid is as large as the masks say at the distance of the middle; then once more around what it found.
     reach = max(_span(eye) * float((eye.w2c[:3, :3] @ center + eye.w2c[:3, 3])[2].abs()) for eye in eyes)
     low, high = center - 0.75 * reach, center + 0.75 * reach
-    points, cell = center.new_zeros(0, 3), 0.0
+    points, core, cell = center.new_zeros(0, 3), center.new_zeros(0, 3), 0.0
     for _ in range(2):
         cell = float((high - low).max()) / (_CELLS - 1)
         if not (math.isfinite(cell) and cell > 0.0):
@@ -78,11 +80,13 @@ def joint_hull(w2c: Tensor, lenses: tuple[Lens, ...], masks: list[Tensor]) -> Jo
             for a, b in zip(low, high, strict=True)
         ]
         points = torch.stack(torch.meshgrid(*axes, indexing="ij"), dim=-1).view(-1, 3)
-        points = points[_support(points, eyes) >= _SUPPORT]
+        support = _support(points, eyes)
+        core, points = points[support >= _CORE], points[support >= _SUPPORT]
         if not len(points):
             break
         low, high = points.amin(dim=0) - cell, points.amax(dim=0) + cell
-    return JointHull(points, cell, torch.tensor([_agreement(points, cell, eye) for eye in eyes]))
+    core = core if len(core) > len(points) // 4 else points
+    return JointHull(points, core, cell, torch.tensor([_agreement(points, cell, eye) for eye in eyes]))
 
 
 def meeting_point(eyes: list[_Eye]) -> Tensor:

@@ -91,7 +91,7 @@ def _match(job: dict[str, Any]) -> None:
             )
             if start == 0:
                 with pycolmap.Database.open(job["database"]) as database:
-                    reader.existing_camera_id = database.read_image_with_name(names[0]).camera_id
+                    reader.existing_camera_id = _camera_of(database, names[0])
             done += len(names)
     _tell(fraction=0.4, message="matching features")
     matching = pycolmap.FeatureMatchingOptions()
@@ -104,6 +104,14 @@ def _match(job: dict[str, Any]) -> None:
         verification_options=verification,
         device=pycolmap.Device.cpu,
     )
+
+
+def _camera_of(database: Any, name: str) -> int:
+    """The number of a picture's camera."""
+    image = database.read_image_with_name(name)
+    if image is None:
+        raise ValueError(f"picture {name} was not read")
+    return int(image.camera_id)
 
 
 def _map(job: dict[str, Any]) -> None:
@@ -144,7 +152,7 @@ def _again(job: dict[str, Any]) -> None:
 
     with pycolmap.Database.open(job["database"]) as database:
         for lens in job["solved"]:
-            camera = database.read_camera(database.read_image_with_name(lens["picture"]).camera_id)
+            camera = database.read_camera(_camera_of(database, lens["picture"]))
             camera.params, camera.has_prior_focal_length = lens["parameters"], True
             database.update_camera(camera)
     options = pycolmap.GlobalPipelineOptions()
@@ -273,7 +281,7 @@ def _pairs(model: Any, path: str, place: dict[int, int]) -> Floats:
     return np.array(rows, np.float64).reshape(-1, 4)
 
 
-def _rays(model: Any, index: int, keypoints: Floats) -> Floats:
+def _rays(model: Any, index: int, keypoints: Any) -> Floats:
     """(K, 3) of the keypoints of a picture, in its camera's frame, with z = 1."""
     import numpy as np
 

@@ -3,7 +3,7 @@
 import logging
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +11,14 @@ import numpy as np
 import torch
 from PIL import Image
 
-from ..errors import CameraError, InputImageError
-from ..progress import Progress, part
-from ..views.foreground import Heard, unheard
-from .capture import Capture, Lens, PosedPhotograph
+from ...errors import CameraError, InputImageError
+from ...progress import Progress, part
+from ...views.foreground import Heard, unheard
+from ..capture import Capture, Lens, PosedPhotograph
 from .joint_hull import JointHull, joint_hull
 from .solver import Job, Solution, match, solve, solve_again
+from .standing import Upright, upright
 from .trust import FEWEST, Trust, compared, judged
-from .upright import Upright, upright
 from .working_copies import WorkingCopy, lenses_of, working_copies, write_regions
 
 logger = logging.getLogger(__name__)
@@ -131,7 +131,10 @@ def _best(copies: list[WorkingCopy], folder: Path, options: SolvingOptions, prog
                 continue
             solution = _chosen(fits, job.focal_is_known)
             hull = _hull(solution, copies)
-            found = _Found(way, job, solution, hull, judged(solution, len(copies), hull), groups)
+            trust = judged(solution, len(copies), hull)
+            if _are_split(groups, copies):
+                trust = replace(trust, level="wrong")
+            found = _Found(way, job, solution, hull, trust, groups)
             if found.trust.level != "wrong":
                 again = solve_again(job, solution, part(share, 0.9, 1.0))
                 found = _Found(way, job, solution, hull, compared(found.trust, solution, again), groups)
@@ -188,11 +191,16 @@ def _why_not(found: _Found | None, copies: list[WorkingCopy]) -> str:
     """What is wrong, in words."""
     if found is None:
         return "the pictures have nothing in common that could be matched; are they sharp, and of one object?"
-    if len(found.groups) > 1 and len(found.groups[1]) >= _SECOND_GROUP * len(copies):
+    if _are_split(found.groups, copies):
         by_name = {copy.name: copy.photograph.path.name for copy in copies}
         first, second = (by_name[group[0]] for group in found.groups[:2])
         return f"the pictures fall into groups that do not match, as {first} and {second}; are they of one object?"
     return f"the cameras cannot be trusted: {'; '.join(found.trust.reasons)}"
+
+
+def _are_split(groups: list[list[str]], copies: list[WorkingCopy]) -> bool:
+    """Whether many pictures that the largest solution lacks make up another one."""
+    return len(groups) > 1 and len(set(groups[1]) - set(groups[0])) >= _SECOND_GROUP * len(copies)
 
 
 def _capture(
@@ -213,7 +221,7 @@ def _capture(
         posed.append(PosedPhotograph(copy.photograph.path, c2w, _full_size(lens, copy), mask))
     without = {copy.photograph.path.name for copy in copies} - {copy.photograph.path.name for copy in own}
     reasons = dict.fromkeys(sorted(without), "its camera could not be solved: too little in common with the others")
-    return Capture(tuple(posed), stand.moved(solution.points), left_out | reasons)
+    return Capture(tuple(posed), stand.moved(solution.points), left_out | reasons, stand.ground, solved=True)
 
 
 def _full_size(lens: Lens, copy: WorkingCopy) -> Lens:
@@ -232,6 +240,6 @@ def _facts(found: _Found, stand: Upright, copies: list[WorkingCopy]) -> dict[str
         "pictures": len(copies),
         "solved": len(found.solution.names),
         "features": found.way,
-        "up": "the ground's plane" if stand.ground else "the mean of the cameras' own",
+        "up": "the mean of the cameras' own" if stand.ground is None else "the ground's plane",
         **{name: round(value, 4) for name, value in found.trust.measures.items()},
     }

@@ -26,7 +26,7 @@ CONTRADICTED = 0.08, 0.25
 AGREEMENT = 0.75, 0.55
 """Of the masks with their joint hull, the median. Cameras that are off by a tenth of the distance leave 0.6 of it."""
 
-REGISTERED = 0.75, 0.4
+REGISTERED = 0.8, 0.6
 """Of the pictures, the share that has a camera."""
 
 SHARED = 0.03, 0.1
@@ -50,7 +50,9 @@ class Trust:
     @property
     def rank(self) -> tuple[int, float]:
         """The higher, the better."""
-        return ("wrong", "doubtful", "good").index(self.level), self.measures["registered"]
+        for_it = self.measures["registered"] + self.measures["allowed"]
+        against = self.measures["contradicted"] + self.measures.get("apart", 0.0)
+        return ("wrong", "doubtful", "good").index(self.level), for_it - against
 
 
 def judged(solution: Solution, count: int, hull: JointHull | None) -> Trust:
@@ -80,7 +82,7 @@ def judged(solution: Solution, count: int, hull: JointHull | None) -> Trust:
     else:
         measures["agreement"] = float(hull.agreement.median()) if len(hull.points) else 0.0
         found.append(_low(measures["agreement"], AGREEMENT, "the masks of the object do not fit together"))
-    if len(solution.names) < FEWEST:
+    if len(solution.names) < FEWEST and found[0][0] != "wrong":
         found.append(("wrong", f"only {len(solution.names)} pictures have a camera"))
     return _trust(found, measures)
 

@@ -40,13 +40,13 @@ class Upright:
         rotation: (3, 3) float64.
         scale: new units of one of the solution's.
         shift: (3,) float64.
-        ground: whether a ground was found; else up is the mean of the cameras', the ground the object's lowest point.
+        ground: height (Z) of the ground in the new frame; None where none was found and up is the mean of the cameras'.
     """
 
     rotation: Tensor
     scale: float
     shift: Tensor
-    ground: bool
+    ground: float | None
 
     def moved(self, points: Tensor) -> Tensor:
         """(..., 3) points of the solution's frame."""
@@ -75,7 +75,7 @@ def upright(solution: Solution, masks: list[Tensor] | None, hull: JointHull | No
     solved = solution.points[inside >= _OBJECT] if masks is not None else _near_points(solution)
     if len(solved) < _ENOUGH:
         solved = _near_points(solution)
-    own = hull.points if hull is not None and len(hull.points) else solved
+    own = hull.core if hull is not None and len(hull.core) else solved
     middle = own.median(dim=0).values
     distance = float((solution.centers - middle).norm(dim=1).median())
     up = normalize(-solution.w2c[:, 1, :3].mean(dim=0), dim=0)
@@ -91,7 +91,9 @@ def upright(solution: Solution, masks: list[Tensor] | None, hull: JointHull | No
     foot = (solved @ up).quantile(0.01) if plane is None else plane[1]
     low[2] = torch.minimum(torch.maximum(low[2], foot), high[2] - 1e-3 * distance)
     scale = LONGEST / max(float((high - low).max()), 1e-12)
-    return Upright(rotation, scale, -scale * (low + high) / 2.0, plane is not None)
+    shift = -scale * (low + high) / 2.0
+    ground = None if plane is None else scale * float(plane[1]) + float(shift[2])
+    return Upright(rotation, scale, shift, ground)
 
 
 def _inside(solution: Solution, masks: list[Tensor] | None) -> Tensor:

@@ -17,10 +17,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..errors import CameraError
-from ..machine.libraries import is_there
-from ..progress import Progress
-from .capture import Lens
+from ...errors import CameraError
+from ...machine.libraries import is_there
+from ...progress import Progress
+from ..capture import Lens
 from .solver_process import MARK
 
 logger = logging.getLogger(__name__)
@@ -115,7 +115,7 @@ def solve(job: Job, name: str, factor: float | None, progress: Progress) -> tupl
     """
     models = job.folder / name
     said = _run(job, job.words(step="map", factor=factor, models=str(models), refine=True), progress)
-    groups = next((words["models"] for words in said if "models" in words), [])
+    groups: list[list[str]] = next((words["models"] for words in said if "models" in words), [])
     return [_read(models / kind) for kind in ("fixed", "refined") if (models / f"{kind}.npz").is_file()], groups
 
 
