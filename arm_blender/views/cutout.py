@@ -1,6 +1,6 @@
-"""The object of any photograph by the small network that ships: two looks at it, then edges along those of the colours.
+"""The object of any photograph by the small network that ships: a few looks, then edges along those of the colours.
 
-The first look finds where the object is, the second sees it larger. Both are coarse; the guided filter (He et al. 2013,
+The first look finds where the object is, closer ones see it larger. All are coarse; the guided filter (He et al. 2013,
 in its fast form of 2015, arXiv 1505.00996) carries them to the picture's own edges.
 """
 
@@ -20,16 +20,25 @@ WEIGHTS = "small.cutout"
 """The name under which the network is registered."""
 
 _MAYBE = 0.4
-"""Probability from which on a pixel counts for where the second look goes."""
+"""Probability from which on a pixel counts for where a closer look goes."""
+
+_CERTAIN, _CERTAIN_SHARE = 0.9, 0.1
+"""Probability that noise does not reach, and how much of an object does."""
 
 _ROOM = 0.72
-"""Share of the second look's window that the object takes along its longer side."""
+"""Share of a closer look's window that the object takes along its longer side."""
+
+_CLOSER = 2
+"""Closer looks: where the first one was misled by clutter, the next has less of it."""
+
+_NOTHING = -20.0
+"""Logit outside of a closer look's window."""
 
 _MAIN_SHARE = 0.3
 """Of the largest part's pixels, how many another part needs to be looked at with it."""
 
 _LARGE = 0.75
-"""Share of the picture from which on a window around the object is no second look."""
+"""Share of the picture from which on a window around the object is no closer look."""
 
 _FILTERED_SIDE = 512
 """Pixels of the longer side at which the filter's coefficients are found; they are smooth, and are enlarged."""
@@ -50,8 +59,8 @@ def cut_out(image: Tensor) -> Tensor:
         raise Unsure("the small network is not installed")
     network = _network(path, path.stat().st_mtime_ns)
     srgb = srgb_from_linear(image[:3].cpu().float())
-    found = _two_looks(network, srgb)
-    if not sees_something(found):
+    found = _looks(network, srgb)
+    if not sees_something(found) or int((found > _CERTAIN).sum()) < _CERTAIN_SHARE * int((found > 0.5).sum()):
         raise Unsure("the small network sees no object")
     alpha = _along_edges(srgb, found)
     opaque = alpha > 0.5
@@ -67,31 +76,31 @@ def _network(path: Path, changed: int) -> Cutout:
     return network
 
 
-def _two_looks(network: Cutout, srgb: Tensor) -> Tensor:
+def _looks(network: Cutout, srgb: Tensor) -> Tensor:
     """(h, w) probability at about twice the network's resolution, of a picture (3, H, W)."""
     height, width = srgb.shape[1:]
-    first = _look(network, srgb)
-    scale = min(1.0, 2.0 * network.config.side / max(height, width))
+    scale = min(1.0, 2.0 * network.config.closer_side / max(height, width))
     size = max(1, round(scale * height)), max(1, round(scale * width))
-    logits = interpolate(first, size, mode="bicubic", align_corners=False)[0, 0]
-    window = _window(first[0, 0].sigmoid())
-    if window is None:
-        return logits.sigmoid()
-    top, bottom, left, right = _pixels(window, *size)
-    rows, columns = slice(*_pixels(window, height, width)[:2]), slice(*_pixels(window, height, width)[2:])
-    second = _look(network, srgb[:, rows, columns])
-    second = interpolate(second, (bottom - top, right - left), mode="bicubic", align_corners=False)[0, 0]
-    seen = torch.zeros_like(logits)
-    # The first look knows the surroundings, the second the outline.
-    seen[top:bottom, left:right] = ((logits[top:bottom, left:right] + 2.0 * second) / 3.0).sigmoid()
-    return seen
+    logits = interpolate(_look(network, srgb, network.config.side), size, mode="bicubic", align_corners=False)[0, 0]
+    for _ in range(_CLOSER):
+        window = _window(logits.sigmoid())
+        if window is None:
+            break
+        top, bottom, left, right = _pixels(window, *size)
+        rows, columns = slice(*_pixels(window, height, width)[:2]), slice(*_pixels(window, height, width)[2:])
+        closer = _look(network, srgb[:, rows, columns], network.config.closer_side)
+        closer = interpolate(closer, (bottom - top, right - left), mode="bicubic", align_corners=False)[0, 0]
+        before, logits = logits, torch.full_like(logits, _NOTHING)
+        # What was seen before knows the surroundings, the closer look the outline.
+        logits[top:bottom, left:right] = (before[top:bottom, left:right] + 2.0 * closer) / 3.0
+    return logits.sigmoid()
 
 
-def _look(network: Cutout, srgb: Tensor) -> Tensor:
-    """(1, 1, h, w) logits of a picture (3, H, W) at the network's resolution; the mean with its mirror image's."""
-    config = network.config
-    scale = config.side / max(srgb.shape[1:])
-    size = [max(1, round(scale * side / config.multiple)) * config.multiple for side in srgb.shape[1:]]
+def _look(network: Cutout, srgb: Tensor, longest: int) -> Tensor:
+    """(1, 1, h, w) logits of a picture (3, H, W) at `longest` pixels; the mean with its mirror image's."""
+    multiple = network.config.multiple
+    scale = longest / max(srgb.shape[1:])
+    size = [max(1, round(scale * side / multiple)) * multiple for side in srgb.shape[1:]]
     small = interpolate(srgb[None], size, mode="bilinear", antialias=True, align_corners=False).clamp(0.0, 1.0)
     plain, mirrored = network(torch.cat([small, small.flip(-1)])).split(1)
     return 0.5 * (plain + mirrored.flip(-1))

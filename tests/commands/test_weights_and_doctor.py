@@ -30,9 +30,9 @@ def test_the_list_of_weights_says_where_they_lie_and_whether_they_are_whole(tmp_
     for weights, (line, where) in zip(checkpoints.REGISTRY, said.items(), strict=True):
         assert weights.name in line and weights.licence in line and weights.enables in line
         assert str(tmp_path / weights.file_name) in where
-        whole = weights.name in ("small.georm", "small.instant_albedo", "small.ray_occupancy")
+        whole = weights.name.startswith("small.") and weights.name != "small.glossyrm"
         assert ("whole" in line) == whole and (weights.remedy in where) != whole
-    assert "damaged" in lines[2] and "not installed" in lines[8]
+    assert "damaged" in lines[2] and "not installed" in lines[10]
     assert "1.5 GB" in next(line for line in said if "instantmesh.georm" in line)
 
 

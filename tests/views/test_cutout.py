@@ -12,7 +12,7 @@ from arm_blender.views.cutout import cut_out
 from arm_blender.views.masks import Unsure
 from arm_blender.weight_files import checkpoints
 
-TINY = CutoutConfig(widths=(4, 8, 8, 16), heads=2, attention_layers=1, side=64)
+TINY = CutoutConfig(widths=(4, 8, 8, 16), heads=2, attention_layers=1, side=64, closer_side=64)
 
 
 class Redness(torch.nn.Module):

@@ -5,6 +5,7 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -12,9 +13,12 @@ import numpy as np
 import torch
 from PIL import Image
 from torch import Tensor
+from torch.nn.functional import pad
 
 from arm_blender.errors import ArmError
+from arm_blender.graphics.cameras import Camera
 from arm_blender.graphics.color import bytes_from_unit, srgb_from_linear
+from arm_blender.photographs.agreement import agreed
 from arm_blender.views.cutout import cut_out
 from arm_blender.views.image_io import read_image, write_png
 from arm_blender.views.masks import Unsure, doubt
@@ -24,6 +28,9 @@ from arm_blender.weight_files import checkpoints, matting_model
 
 from ..documents import fill_block, markdown_table, paragraphs
 from ..picture_grid import grid
+
+OURS = "small network"
+"""As `foreground.WAYS` has it."""
 
 BAD = 0.8
 """Intersection over union below which a mask is bad: it should be doubted."""
@@ -53,6 +60,9 @@ class Score:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The words of `python -m training evaluate-masks`."""
     parser.add_argument("--captures", type=Path, required=True, help="folder written by `render --layout capture`")
+    parser.add_argument(
+        "--others-every", type=int, default=1, help="ways beside the small network see every Nth picture"
+    )
     parser.add_argument("--sheets", type=Path, help="folder for a picture of each capture's masks")
     parser.add_argument("--document", type=Path, help="Markdown file whose block `masks` is filled")
 
@@ -65,14 +75,17 @@ def run(args: argparse.Namespace) -> int:
     ways, rows = known_ways(), []
     for folder in folders:
         scores: dict[str, list[Score]] = {name: [] for name in ways}
-        shown: list[Tensor] = []
-        for path, image, truth in pictures(folder):
-            found = {name: score(find, image, truth) for name, find in ways.items()}
+        shown, alphas = list[Tensor](), list[Tensor]()
+        for index, (path, image, truth) in enumerate(pictures(folder)):
+            asked = ways if index % args.others_every == 0 else {OURS: ways[OURS]}
+            found = {name: score(find, image, truth) for name, find in asked.items()}
             for name, (one, _) in found.items():
                 scores[name].append(one)
-            shown.append(_tile(image, truth, found["small network"][1]))
+            alphas.append(found[OURS][1])
+            shown.append(_tile(image, truth, alphas[-1]))
             print(path.name, *(f"{name} {one.iou:.3f}" for name, (one, _) in found.items()), sep="  ", flush=True)
-        rows += [[folder.name, name, *_summary(several)] for name, several in scores.items()]
+        scores |= compared(folder, alphas)
+        rows += [[folder.name, name, *_summary(several)] for name, several in scores.items() if several]
         if args.sheets is not None:
             args.sheets.mkdir(parents=True, exist_ok=True)
             tiles = torch.cat(shown[:: max(1, len(shown) // _SHOWN)][:_SHOWN], dim=1)  # (3, P, 3, S, S)
@@ -94,6 +107,43 @@ def pictures(folder: Path) -> Iterator[tuple[Path, Tensor, Tensor]]:
             yield folder / entry["file"], read_image(folder / entry["file"]), truth
 
 
+def compared(folder: Path, alphas: list[Tensor]) -> dict[str, list[Score]]:
+    """The scores of a capture's masks that `agreement` has compared by the true cameras; what it drops is doubted.
+
+    Args:
+        folder: of the capture.
+        alphas: (H, W) each, of its pictures in their order.
+    Returns:
+        one way; none for a lens that bends, or where a picture does not show the object.
+    """
+    entries = json.loads((folder / "truth.json").read_text(encoding="utf-8"))["pictures"]
+    if any(entry.get("lens", {}).get("model") != "SIMPLE_PINHOLE" for entry in entries) or len(alphas) != len(entries):
+        return {}
+    started = time.perf_counter()
+    masks, cameras = [], []
+    for entry, alpha in zip(entries, alphas, strict=True):
+        height, width = alpha.shape
+        side, focal = max(height, width), entry["lens"]["parameters"][0]
+        left, top = (side - width) // 2, (side - height) // 2
+        masks.append(pad(alpha, (left, side - width - left, top, side - height - top)))
+        K = torch.tensor([[focal, 0.0, left + width / 2.0], [0.0, focal, top + height / 2.0], [0.0, 0.0, 1.0]])
+        cameras.append(Camera(torch.tensor(entry["c2w"], dtype=torch.float32), K, side, side))
+    found = agreed(torch.stack(masks)[:, None], cameras)
+    seconds = (time.perf_counter() - started) / len(entries)
+    scores = []
+    for view, (_, image, truth) in enumerate(pictures(folder)):
+        top, left = ((found.masks.shape[-1] - side) // 2 for side in truth.shape)
+        mask = found.masks[view, 0, top : top + truth.shape[0], left : left + truth.shape[1]]
+        one = score(partial(_given, mask), image, truth)[0]
+        scores.append(Score(one.iou, view in found.dropped, seconds))
+    return {f"{OURS}, compared": scores}
+
+
+def _given(mask: Tensor, image: Tensor, truth: Tensor) -> Tensor:
+    """The way that knows a mask already."""
+    return mask
+
+
 Way = Callable[[Tensor, Tensor], Tensor]
 """Finds the mask (H, W) of a picture (4, H, W); GrabCut is given the true one (H, W), for its box."""
 
@@ -101,7 +151,7 @@ Way = Callable[[Tensor, Tensor], Tensor]
 def known_ways() -> dict[str, Way]:
     """Those that are here: the small network, a plain background, an imported matting model, OpenCV's GrabCut."""
     ways: dict[str, Way] = {
-        "small network": lambda image, truth: cut_out(image),
+        OURS: lambda image, truth: cut_out(image),
         "plain background": lambda image, truth: plain_foreground(image),
     }
     if checkpoints.shipped(matting_model.MATTING).is_file():

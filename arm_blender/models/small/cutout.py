@@ -26,8 +26,10 @@ class CutoutConfig:
     """At the coarsest level. None of them: a shadow far from its object is taken for a part of it."""
     heads: int = 4
     """Of the attention; they divide the last width."""
-    side: int = 192
-    """Pixels of the longer side of what the network is shown; it was fitted on squares of 128."""
+    side: int = 128
+    """Pixels of the longer side of a picture at first; the network was fitted on squares of 128."""
+    closer_side: int = 160
+    """As `side`, of a closer look at the object."""
 
     @property
     def multiple(self) -> int:

@@ -1,16 +1,18 @@
 """The table of masks: what a way finds is compared with the truth of the capture, in closed form."""
 
 import json
+import math
 
 import numpy as np
 import pytest
 import torch
 from PIL import Image
 
+from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.views.masks import Unsure
 from training.__main__ import main
 from training.studies import captured_masks
-from training.studies.captured_masks import pictures, score
+from training.studies.captured_masks import compared, pictures, score
 
 
 @pytest.fixture
@@ -69,3 +71,25 @@ def test_grabcut_finds_a_square_in_its_box(captures):
     pytest.importorskip("cv2")
     _, image, truth = next(pictures(captures / "square-0"))
     assert score(captured_masks.by_grabcut, image, truth)[0].iou > 0.9
+
+
+def test_masks_of_a_capture_are_compared_by_its_cameras(tmp_path):
+    """A ball seen from twelve sides; to one mask something was added, which the eleven others take away."""
+    folder, side = tmp_path / "ball-0", 96
+    (folder / "images").mkdir(parents=True)
+    (folder / "masks").mkdir()
+    rows, columns = np.mgrid[:72, :side] + 0.5
+    radius = 120.0 * 0.5 / math.sqrt(4.0**2 - 0.5**2)  # Of the outline of a ball of radius 0.5, four units away.
+    ball = (rows - 36.0) ** 2 + (columns - 48.0) ** 2 < radius**2
+    told, alphas = [], []
+    for k in range(12):
+        camera = orbit_camera(30.0 * k, 15.0, 4.0, 30.0, side, 72)
+        Image.fromarray(np.zeros((72, side, 3), np.uint8)).save(folder / "images" / f"{k}.jpg")
+        Image.fromarray(ball.astype(np.uint8) * 255).save(folder / "masks" / f"{k}.png")
+        lens = {"model": "SIMPLE_PINHOLE", "parameters": [120.0, 48.0, 36.0], "width": side, "height": 72}
+        told.append({"file": f"images/{k}.jpg", "mask": f"masks/{k}.png", "c2w": camera.c2w.tolist(), "lens": lens})
+        alphas.append(torch.from_numpy(ball).float())
+    (folder / "truth.json").write_text(json.dumps({"pictures": told}))
+    alphas[3][5:25, 5:25] = 1.0
+    (scores,) = compared(folder, alphas).values()
+    assert len(scores) == 12 and min(one.iou for one in scores) > 0.95 and not any(one.doubted for one in scores)
