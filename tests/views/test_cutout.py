@@ -95,3 +95,40 @@ def test_the_filter_takes_a_coarse_mask_to_the_colours_edge():
     enlarged = interpolate(coarse[None, None], (512, 512), mode="bilinear")[0, 0]
     found = cutout._along_edges(srgb, coarse)
     assert iou(enlarged, mask) < 0.97 < 0.98 < iou(found, mask)
+
+
+def on_a_table(height: int, width: int, radius: float, row: float, column: float) -> tuple[torch.Tensor, torch.Tensor]:
+    """A shaded clay ball on a table before a wall, with a soft shadow: (4, H, W) linear, and its mask (H, W)."""
+    random = torch.Generator().manual_seed(0)
+    rows, columns = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
+    grain = interpolate(torch.rand(1, 1, height // 4, width // 16, generator=random), (height, width), mode="bicubic")
+    table = (0.25 + 0.3 * grain[0]) * torch.tensor([0.8, 0.6, 0.4])[:, None, None]
+    wall = (0.5 + 0.1 * columns / width) * torch.tensor([0.7, 0.8, 0.9])[:, None, None]
+    picture = torch.where(rows < 0.3 * height, wall, table)
+    away = ((rows - row - radius) / 0.25).square() + (columns - column - 0.4 * radius).square()
+    picture = picture * (1.0 - 0.6 * (-away / (0.8 * radius) ** 2).exp())
+    x, y = (columns - column) / radius, (rows - row) / radius
+    z = (1.0 - x * x - y * y).clamp(min=0.0).sqrt()
+    light = 0.25 + 0.75 * (0.6 * z - 0.6 * y - 0.4 * x).clamp(min=0.0)
+    mask = x * x + y * y < 1.0
+    picture = torch.where(mask, light * torch.tensor([0.85, 0.25, 0.15])[:, None, None], picture)
+    srgb = picture + 0.02 * torch.randn(picture.shape, generator=random)
+    return torch.cat([linear_from_srgb(srgb), torch.ones(1, height, width)]), mask
+
+
+@pytest.mark.parametrize(
+    ("size", "radius", "row", "column"),
+    [((480, 640), 120.0, 260.0, 330.0), ((640, 480), 70.0, 400.0, 200.0), ((300, 300), 100.0, 170.0, 150.0)],
+)
+def test_what_ships_finds_a_ball_on_a_table(size, radius, row, column):
+    picture, mask = on_a_table(*size, radius, row, column)
+    alpha = cut_out(picture)
+    assert iou(alpha, mask) > 0.93
+    assert torch.equal(alpha, cut_out(picture))
+
+
+def test_what_ships_is_sure_of_nothing_in_noise_and_in_grey():
+    noise = torch.rand(3, 64, 64, generator=torch.Generator().manual_seed(0))
+    for picture in (noise, torch.full((3, 200, 300), 0.4)):
+        with pytest.raises(Unsure):
+            cut_out(torch.cat([picture, torch.ones_like(picture[:1])]))
