@@ -23,6 +23,7 @@ from ..views.mask_files import read_mask
 from ..views.preprocess import MAXIMUM_SIDE, MINIMUM_SIDE
 from ..views.transforms_json import MAXIMUM_VIEWS, TRANSFORMS, write_transforms
 from .capture import Capture, PosedPhotograph
+from .comparing import compare
 from .cut_out import CutOut, PaintedMask, cut_out, quick_look
 from .framing import Window
 from .selection import (
@@ -107,7 +108,9 @@ def clean_views(
         older = _begin(folder, made)
         cleaning = _Cleaning(capture.photographs, names, tables, made, options, older)
         cleaning.examine(part(progress, 0.05, 0.35))
-        chosen = cleaning.choose(part(progress, 0.35, 1.0))
+        chosen = cleaning.choose(part(progress, 0.35, 0.95))
+        if capture.solved:  # Only then the object is known to lie in the box.
+            chosen = cleaning.compare(chosen, left_out, part(progress, 0.95, 1.0))
         cleaning.write(chosen, capture)
         write_solved(capture, made)
         for index in chosen:
@@ -225,15 +228,33 @@ class _Cleaning:
         write_png(self.folder / f"{name}.png", view.image, srgb=True)
         self.made[index] = _Made(view.window, view.known, view.cut, view.way)
 
+    def compare(self, chosen: list[int], left_out: LeaveOut, progress: Progress) -> list[int]:
+        """The chosen photographs less those whose masks the others refuse; masks are mended, with a word."""
+        pictures = [self.folder / f"{self.names[index]}.png" for index in chosen]
+        made = [self.made[index] for index in chosen]
+        known, ways = [view.known for view in made], [view.way for view in made]
+        words, dropped = compare(pictures, self._cameras(chosen), known, ways, progress)
+        for place, why in words.items():
+            if place in dropped:
+                self.reasons[chosen[place]] = why
+            else:
+                left_out(f"the mask of {self.photographs[chosen[place]].path.name} as it was found", why)
+        return [index for place, index in enumerate(chosen) if place not in dropped]
+
+    def _cameras(self, chosen: list[int]) -> list[Camera]:
+        return [
+            Camera(self.photographs[index].c2w.float(), self.made[index].window.K.float(), self.side, self.side)
+            for index in chosen
+        ]
+
     def write(self, chosen: list[int], capture: Capture) -> None:
         """Writes transforms.json of the `chosen` views, and takes the pictures of the others away."""
-        cameras, fields = [], []
-        for index in chosen:
-            photograph, view = self.photographs[index], self.made[index]
-            cameras.append(Camera(photograph.c2w.float(), view.window.K.float(), self.side, self.side))
-            fields.append({KNOWN: list(view.known), PHOTOGRAPH: photograph.path.name})
+        fields = [
+            {KNOWN: list(self.made[index].known), PHOTOGRAPH: self.photographs[index].path.name} for index in chosen
+        ]
         pictures = [f"{self.names[index]}.png" for index in chosen]
         exposed, place = capture.varying_exposure, self.folder / TRANSFORMS
+        cameras = self._cameras(chosen)
         write_transforms(place, pictures, cameras, fields=fields, ground=capture.ground, varying_exposure=exposed)
         for index in self.made.keys() - set(chosen):
             (self.folder / f"{self.names[index]}.png").unlink()
