@@ -15,6 +15,9 @@ from .version import VERSION
 FILE_NAME = "report.json"
 """Written last: the file that marks an asset's folder as whole."""
 
+DOUBTFUL = "doubtful: "
+"""Begins what is said of a mask instead of the way that it was found by."""
+
 
 @dataclass(frozen=True)
 class LeftOut:
@@ -85,8 +88,18 @@ class Report:
             self.doubts.append(why)
 
     def note_mask(self, picture: str, way: str) -> None:
-        """Notes by which way a picture was cut out."""
+        """Notes by which way a picture was cut out, or what is doubtful about its mask (`DOUBTFUL`, then why)."""
         self.masks.setdefault(way, []).append(picture)
+
+    @property
+    def all_doubts(self) -> list[str]:
+        """Why the result may be wrong: `doubts`, and those about masks, a sentence for all pictures with the same."""
+        found = list(self.doubts)
+        for way, names in self.masks.items():
+            if way.startswith(DOUBTFUL):
+                more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+                found.append(f"the mask of {', '.join(names[:3])}{more}: {way.removeprefix(DOUBTFUL)}")
+        return found
 
     def as_dict(self) -> dict[str, Any]:
         """The report as JSON types; `peak_memory_mib` is the process's highest resident size until now."""
@@ -104,8 +117,8 @@ class Report:
             "texture_size": self.texture_size,
             "seen_share": None if self.seen_share is None else round(self.seen_share, 4),
             "gains": None if self.gains is None else [[round(gain, 3) for gain in view] for view in self.gains],
-            "masks": self.masks,
-            "doubts": self.doubts,
+            "masks": {way: names for way, names in self.masks.items() if not way.startswith(DOUBTFUL)},
+            "doubts": self.all_doubts,
             "photographs": self.photographs,
             "left_out": [{"what": note.what, "why": note.why} for note in self.left_out],
         }

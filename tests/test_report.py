@@ -29,12 +29,17 @@ def test_the_file_says_what_the_run_was(tmp_path):
     report = Report("small", "cpu", 7, faces=10, charts=2, texture_size=512, seen_share=0.25)
     report.leave_out("a.blend", "no bpy")
     report.leave_out("a.blend", "no bpy")
+    report.note_mask("1.jpg", "small network")
+    for name in "1234":
+        report.note_mask(f"{name}.jpg", "doubtful: it is torn")
     report.doubt("the pictures disagree")
     report.doubt("the pictures disagree")
     report.write(tmp_path / "report.json")
     data = json.loads((tmp_path / "report.json").read_text())
     assert data["version"] == VERSION and data["preset"] == "small" and data["seed"] == 7
-    assert data["doubts"] == ["the pictures disagree"], "however often it is said"
+    torn = "the mask of 1.jpg, 2.jpg, 3.jpg and 1 more: it is torn"
+    assert data["doubts"] == ["the pictures disagree", torn], "however often it is said"
+    assert data["masks"] == {"small network": ["1.jpg"]}
     assert (data["faces"], data["charts"], data["texture_size"], data["seen_share"]) == (10, 2, 512, 0.25)
     assert data["left_out"] == [{"what": "a.blend", "why": "no bpy"}]
     assert data["peak_memory_mib"] > 1.0

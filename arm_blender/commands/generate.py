@@ -97,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
 
     with shown(args.progress) as progress:
         report, files = produce(args, progress)
-    for why in report.doubts:
+    for why in report.all_doubts:
         print(f"arm: doubtful: {why}", file=sys.stderr)
     if args.json:
         json.dump(report.as_dict(), sys.stdout, indent=2)

@@ -8,6 +8,7 @@ from torch import Tensor
 from torch.nn.functional import interpolate
 
 from ..errors import InputImageError
+from ..report import DOUBTFUL
 from .cutout import cut_out
 from .masks import Unsure, doubt, sees_something
 from .matting import matted_by_model, matted_by_rembg
@@ -58,7 +59,7 @@ def foreground(image: Tensor, path: Path, heard: Heard = unheard) -> Tensor:
         if sees_something(alpha) and not bool((alpha > 0.5).all()):
             heard(path.name, way)
             if why := doubt(alpha):
-                heard(path.name, f"doubtful: {why}")
+                heard(path.name, f"{DOUBTFUL}{why}")
             alpha = alpha[None].to(image)
             if limited is not image:
                 alpha = interpolate(alpha[None], size=image.shape[1:], mode="bilinear")[0]

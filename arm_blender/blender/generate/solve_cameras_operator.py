@@ -66,7 +66,7 @@ class ARM_OT_solve_cameras(Run, bpy.types.Operator):
         if ground is not None:
             add_ground(cameras[0].users_collection[0], ground)
         context.scene.arm.views_path = str(made.folder)  # Which has them read and shown.
-        for why in made.report.doubts:
+        for why in made.report.all_doubts:
             self.report({"WARNING"}, f"Doubtful: {why}")
         return f"{made.folder.name}: {len(cameras)} views; look at them, then press Generate"
 
