@@ -24,6 +24,7 @@ EXTRAS = EnumProperty(
     name="Libraries",
     items=(
         (runtime.TORCH, "PyTorch (GPU)", "PyTorch with CUDA"),
+        (runtime.PHOTOS, "Photographs", "pycolmap, pillow-heif and PyAV"),
         (runtime.MULTIVIEW, "Six Views from One Picture", "diffusers, transformers and what they need"),
     ),
     options={"SKIP_SAVE"},

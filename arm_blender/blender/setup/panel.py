@@ -23,6 +23,7 @@ def draw_setup(layout: bpy.types.UILayout, chosen: bpy.types.AddonPreferences) -
     layout.prop(chosen, "device")
     layout.prop(chosen, "threads")
     _draw_torch(layout.box(), chosen)
+    _draw_photos(layout.box())
     _draw_multiview(layout.box(), chosen)
     folders = layout.box()
     for kind in ("weights", "cache"):
@@ -47,6 +48,16 @@ def _draw_torch(box: bpy.types.UILayout, chosen: bpy.types.AddonPreferences) -> 
     else:
         box.label(text="PyTorch is there", icon="CHECKMARK")
     _draw_install(box, runtime.TORCH, "Install PyTorch (GPU)")
+
+
+def _draw_photos(box: bpy.types.UILayout) -> None:
+    box.label(text="Photographs without cameras, videos, HEIC")
+    absent = libraries.missing(libraries.PHOTOS) if runtime.folder_for(runtime.PHOTOS) is None else []
+    if absent:
+        box.label(text=f"{', '.join(absent)}: not installed; only this needs them", icon="INFO")
+    else:
+        box.label(text="The libraries are there", icon="CHECKMARK")
+    _draw_install(box, runtime.PHOTOS, "Install Libraries")
 
 
 def _draw_multiview(box: bpy.types.UILayout, chosen: bpy.types.AddonPreferences) -> None:

@@ -13,10 +13,14 @@ from ...weight_files import folder as weights_folder
 from ..compat import find_bundled_libraries
 from .stored import preferences, user_folder
 
-TORCH, MULTIVIEW = "torch-gpu", "multiview"
+TORCH, MULTIVIEW, PHOTOS = "torch-gpu", "multiview", "photos"
 """What can be installed from the preferences, by the name of its list."""
 
-MODULES = {TORCH: ("torch",), MULTIVIEW: tuple(libraries.MULTIVIEW.values())}
+MODULES = {
+    TORCH: ("torch",),
+    MULTIVIEW: tuple(libraries.MULTIVIEW.values()),
+    PHOTOS: tuple(libraries.PHOTOS.values()),
+}
 """What has to lie in the folder of each."""
 
 NO_TORCH = "PyTorch is missing; Edit > Preferences > Add-ons > ARM Relightable 3D offers ways to get it"
@@ -86,11 +90,11 @@ def forget() -> None:
 
 
 def folder_for(extra: str) -> Path | None:
-    """The folder that the preferences choose for `TORCH` or `MULTIVIEW`; None where Python finds them by itself."""
+    """The folder that the preferences choose for an extra; None where Python finds them by itself."""
     chosen = preferences()
     if chosen is None or (extra == TORCH and chosen.pytorch_source == "BUNDLED"):
         return None
-    named = chosen.multiview_folder
+    named = chosen.multiview_folder if extra == MULTIVIEW else ""
     if extra == TORCH:
         named = chosen.pytorch_folder if chosen.pytorch_source == "FOLDER" else ""
         if chosen.pytorch_source == "FOLDER" and not named:
