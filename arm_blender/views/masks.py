@@ -14,8 +14,10 @@ _SPECK_SHARE = 0.01
 _EDGE = 0.008
 """Of the picture's longer side, half of how wide the soft edge of an object may be."""
 
-_TORN_SHARE = 0.03
-"""Of an object's pixels, how many beyond soft edges may be neither it nor background."""
+_TORN_SHARE = 0.015
+"""Of an object's pixels, how many beyond soft edges may be neither it nor background. Set on 32 pictures of captures of
+training objects: with 0.015 the small network's 15 masks of an IoU below 0.8 have 13 doubts, the 17 others 2; with 0.03
+they have 9 and none."""
 
 _BORDER_SHARE = 0.35
 """Of the picture's border, how much an object may take: more than one side and a half is rather the ground."""
