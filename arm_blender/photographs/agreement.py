@@ -14,8 +14,9 @@ from ..graphics.cameras import Camera
 from ..graphics.visual_hull import Outlines, signed_silhouette_distance
 from ..progress import Progress, silent
 
-_CELLS = 64
-"""Samples along a side of the box."""
+_CELLS, _HALF = 80, 1.5
+"""Samples along a side of what is looked at, and half of that side, world units: where masks are wrong, so is the size
+of the object that was taken from them, and half of it may lie beyond [-1, 1]^3."""
 
 _OUTLINE_SIDE = 128
 """Pixels a side at which distances to outlines are found."""
@@ -57,13 +58,17 @@ class Agreement:
     dropped: tuple[int, ...]
 
 
-def agreed(masks: Tensor, cameras: Sequence[Camera], progress: Progress = silent) -> Agreement:
+def agreed(
+    masks: Tensor, cameras: Sequence[Camera], progress: Progress = silent, ground: float | None = None
+) -> Agreement:
     """Mend or drop what most other masks contradict.
 
     Args:
         masks: (V, 1, S, S) alpha in [0, 1]; 0 beyond what a photograph shows is taken for background.
-        cameras: V of them, of S x S pixels; the object lies in [-1, 1]^3.
+        cameras: V of them, of S x S pixels; the object lies about the origin, its longest side about 2.
         progress: is told about each view.
+        ground: height (Z) of what the object stands on: a shadow that lies there is no object, however many masks
+            show it.
     Raises:
         ValueError: shapes differ.
     """
@@ -72,7 +77,7 @@ def agreed(masks: Tensor, cameras: Sequence[Camera], progress: Progress = silent
         raise ValueError(f"masks must be (V, 1, S, S) of V cameras, got {tuple(masks.shape)}, {len(cameras)} cameras")
     if count < _FEWEST:
         return Agreement(masks, {}, ())
-    points = _grid()
+    points = _grid(ground)
     outside, framed = _carved(masks, cameras, points)
     carving = outside.int().sum(dim=0)  # (P,)
     seen = framed.int().sum(dim=0)
@@ -103,10 +108,11 @@ def agreed(masks: Tensor, cameras: Sequence[Camera], progress: Progress = silent
     return Agreement(mended, words, tuple(dropped))
 
 
-def _grid() -> Tensor:
-    """(P, 3) points of the box."""
-    axis = (torch.arange(_CELLS) + 0.5) / _CELLS * 2.0 - 1.0
-    return torch.stack(torch.meshgrid(axis, axis, axis, indexing="ij"), dim=-1).view(-1, 3)
+def _grid(ground: float | None) -> Tensor:
+    """(P, 3) points of what is looked at, a cell above the ground at least."""
+    axis = _HALF * ((torch.arange(_CELLS) + 0.5) / _CELLS * 2.0 - 1.0)
+    up = axis if ground is None else axis[axis > ground + 2.0 * _HALF / _CELLS]
+    return torch.stack(torch.meshgrid(axis, axis, up, indexing="ij"), dim=-1).view(-1, 3)
 
 
 def _carved(masks: Tensor, cameras: Sequence[Camera], points: Tensor) -> tuple[Tensor, Tensor]:

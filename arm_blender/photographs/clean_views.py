@@ -110,7 +110,7 @@ def clean_views(
         cleaning.examine(part(progress, 0.05, 0.35))
         chosen = cleaning.choose(part(progress, 0.35, 0.95))
         if capture.solved:  # Only then the object is known to lie in the box.
-            chosen = cleaning.compare(chosen, left_out, part(progress, 0.95, 1.0))
+            chosen = cleaning.compare(chosen, capture.ground, left_out, part(progress, 0.95, 1.0))
         cleaning.write(chosen, capture)
         write_solved(capture, made)
         for index in chosen:
@@ -228,12 +228,12 @@ class _Cleaning:
         write_png(self.folder / f"{name}.png", view.image, srgb=True)
         self.made[index] = _Made(view.window, view.known, view.cut, view.way)
 
-    def compare(self, chosen: list[int], left_out: LeaveOut, progress: Progress) -> list[int]:
+    def compare(self, chosen: list[int], ground: float | None, left_out: LeaveOut, progress: Progress) -> list[int]:
         """The chosen photographs less those whose masks the others refuse; masks are mended, with a word."""
         pictures = [self.folder / f"{self.names[index]}.png" for index in chosen]
         made = [self.made[index] for index in chosen]
         known, ways = [view.known for view in made], [view.way for view in made]
-        words, dropped = compare(pictures, self._cameras(chosen), known, ways, progress)
+        words, dropped = compare(pictures, self._cameras(chosen), known, ways, progress, ground)
         for place, why in words.items():
             if place in dropped:
                 self.reasons[chosen[place]] = why

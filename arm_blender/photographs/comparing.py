@@ -19,6 +19,7 @@ def compare(
     known: Sequence[Rectangle],
     ways: Sequence[str],
     progress: Progress = silent,
+    ground: float | None = None,
 ) -> tuple[dict[int, str], tuple[int, ...]]:
     """Mends the alpha of views whose masks most others contradict; the files are written anew.
 
@@ -26,10 +27,11 @@ def compare(
 
     Args:
         pictures: of square views of one size, with alpha.
-        cameras: of them; the object lies in [-1, 1]^3.
+        cameras: of them; the object lies about the origin, its longest side about 2.
         known: the pixels of each that a camera took.
         ways: how each was cut out.
         progress: is told each view.
+        ground: height (Z) of what the object stands on, where that is known.
     Returns:
         Of each view that was mended, or should be dropped, why; and which should be dropped.
     """
@@ -40,7 +42,7 @@ def compare(
     if not whole:
         return {}, ()
     masks = torch.stack([alphas[index] for index in whole])[:, None]
-    found = agreed(masks, [cameras[index] for index in whole], progress)
+    found = agreed(masks, [cameras[index] for index in whole], progress, ground)
     words, dropped = {}, []
     for place, index in enumerate(whole):
         if place not in found.words or ways[index] not in WAYS:
