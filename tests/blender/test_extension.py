@@ -185,13 +185,14 @@ print(sorted(added - set(sys.stdlib_module_names) - {"bpy"}))
 
 
 def test_a_request_becomes_settings_and_one_rising_progress(monkeypatch, tmp_path, asset):
-    from arm_blender import pipeline, views
+    from arm_blender import pipeline
+    from arm_blender.photographs import intake
 
     seen = {}
 
-    def load_views(path, options=None, progress=None, left_out=None, heard=None):
+    def load_views(path, folder, options, solving, report, progress):
         progress(1.0, "loaded")
-        left_out("view 3", "sees nothing")
+        report.leave_out("view 3", "sees nothing")
         seen.update(options=options)
         return path
 
@@ -201,7 +202,7 @@ def test_a_request_becomes_settings_and_one_rising_progress(monkeypatch, tmp_pat
         progress(1.0, "done")
         return asset, report
 
-    monkeypatch.setattr(views, "load_views", load_views)
+    monkeypatch.setattr(intake, "load_views", load_views)
     monkeypatch.setattr(pipeline, "generate", generate)
     fractions = []
     request = generation.GenerationRequest(

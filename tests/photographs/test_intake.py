@@ -8,8 +8,12 @@ import torch
 from arm_blender.errors import CameraError
 from arm_blender.graphics.cameras import project
 from arm_blender.photographs import intake
+from arm_blender.photographs.cameras.solving import SolvingOptions
 from arm_blender.photographs.capture import Lens
-from arm_blender.views import load_views
+from arm_blender.photographs.way import has_cameras
+from arm_blender.report import Report
+from arm_blender.structures import ViewSet
+from arm_blender.views import ViewOptions, load_views
 from arm_blender.views.transforms_json import TRANSFORMS
 
 from .ball import orbit
@@ -17,6 +21,11 @@ from .foreign_files import write_colmap, write_pictures, write_transforms_json
 
 LENS = Lens("OPENCV", (75.0, 75.0, 40.0, 30.0, -0.2, 0.05, 0.002, -0.003), 80, 60)
 FIELDS = dict(zip(("fl_x", "fl_y", "cx", "cy", "k1", "k2", "p1", "p2"), LENS.parameters, strict=True))
+
+
+def loaded(path, folder=None) -> tuple[ViewSet, Report]:
+    report = Report("small", "cpu", 0)
+    return intake.load_views(path, folder, ViewOptions(), SolvingOptions(), report), report
 
 
 def ball_is_where_it_should_be(views) -> bool:
@@ -30,7 +39,8 @@ def test_views_that_do_are_read_as_they_are(tmp_path):
     poses, straight = orbit(3), Lens("PINHOLE", LENS.parameters[:4], 80, 60)
     names = write_pictures(tmp_path / "cup", poses, straight, supersampled=1)
     write_transforms_json(tmp_path / "cup" / TRANSFORMS, names, poses, **dict(list(FIELDS.items())[:4]))
-    ours, theirs = intake.load_views(tmp_path / "cup", tmp_path / "views"), load_views(tmp_path / "cup")
+    (ours, report), theirs = loaded(tmp_path / "cup", tmp_path / "views"), load_views(tmp_path / "cup")
+    assert report.photographs["cameras"] == "file"
     assert torch.equal(ours.images, theirs.images) and not (tmp_path / "views").exists()
 
 
@@ -41,16 +51,11 @@ def test_a_phone_capture_just_works(tmp_path):
     write_transforms_json(tmp_path / "cup" / TRANSFORMS, names, poses, **FIELDS, w=80, h=60, camera_model="OPENCV")
     for name in names[3:5]:
         (tmp_path / "cup" / name).unlink()
-    notes, heard = {}, []
-    views = intake.load_views(
-        tmp_path / "cup",
-        tmp_path / "out" / "views",
-        left_out=lambda what, why: notes.update({what: why}),
-        heard=lambda picture, way: heard.append((picture, way)),
-    )
+    views, report = loaded(tmp_path / "cup", tmp_path / "out" / "views")
+    notes = {note.what: note.why for note in report.left_out}
     assert views.name == "cup" and len(views.cameras) == 16 and ball_is_where_it_should_be(views)
     assert "0003.png" in notes["2 of 20 frames"] and len(notes) == 3
-    assert len(heard) == 16 and {way for _, way in heard} == {"plain background"}
+    assert report.masks.keys() == {"plain background"} and len(report.masks["plain background"]) == 16
     again = load_views(tmp_path / "out" / "views")
     assert torch.equal(again.images, views.images)
 
@@ -59,11 +64,10 @@ def test_a_model_of_colmap_just_works_with_its_masks(tmp_path):
     poses = orbit(4)
     names = write_pictures(tmp_path / "cup" / "images", poses, LENS, "../masks/{}.png", supersampled=1)
     write_colmap(tmp_path / "cup" / "sparse" / "0", names, poses, LENS, False)
-    heard = {}
-    views = intake.load_views(tmp_path / "cup", None, heard=lambda picture, way: heard.update({picture: way}))
+    views, report = loaded(tmp_path / "cup")
     assert views.name == "cup" and ball_is_where_it_should_be(views)
-    assert heard == dict.fromkeys(names, "mask file")
-    assert intake.has_cameras(tmp_path / "cup") and not intake.has_cameras(tmp_path)
+    assert {way: sorted(found) for way, found in report.masks.items()} == {"mask file": sorted(names)}
+    assert has_cameras(tmp_path / "cup") and not has_cameras(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cup"]
 
 
@@ -74,7 +78,7 @@ def test_what_is_read_is_not_written_over(tmp_path):
     before = path.read_bytes()
     for given in (folder, path, folder / ".." / "views"):
         with pytest.raises(CameraError, match="is read, and would be written over"):
-            intake.load_views(given, folder)
+            loaded(given, folder)
     assert path.read_bytes() == before
     assert sorted(one.name for one in folder.iterdir()) == [*names, TRANSFORMS]
 

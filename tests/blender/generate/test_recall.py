@@ -99,11 +99,11 @@ def test_a_file_that_moved_with_its_views_finds_them(run, tmp_path):
 
 def test_what_six_drawn_views_made_names_them_and_not_the_picture(empty_file, monkeypatch, asset, tmp_path):
     """They lie beside the result, with their cameras; nobody draws them again."""
-    from arm_blender import views as views_of
+    from arm_blender.photographs import intake
+    from arm_blender.views import load_views
 
     six = six_pictures(tmp_path / "six")
-    read = views_of.load_views
-    monkeypatch.setattr(views_of, "load_views", lambda path, options, *rest: read(six, None, *rest))
+    monkeypatch.setattr(intake, "load_views", lambda *given: load_views(six))
     monkeypatch.setattr(pipeline, "generate", lambda views, settings, progress, report, mesh: (asset, report))
     out = tmp_path / "out"
     words = ["--multiview", "zero123plus", "--multiview-model", str(tmp_path), "--progress", "never"]
