@@ -3,7 +3,6 @@
 import json
 import logging
 import tempfile
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -13,6 +12,7 @@ from ..errors import ArmError, InputImageError
 from ..knobs import CamerasName
 from ..machine.files import write_json
 from ..progress import Progress, part
+from ..views import LeaveOut
 from ..views.foreground import Heard, unheard
 from ..views.image_io import pictures_in
 from ..views.rigs import AZIMUTHS_DEG
@@ -27,9 +27,6 @@ logger = logging.getLogger(__name__)
 
 KEPT = "cameras.json"
 """In a folder of views: of which pictures they are, and how far their cameras are to be trusted."""
-
-LeaveOut = Callable[[str, str], None]
-"""Is told what was not used, and why; `Report.leave_out` is one."""
 
 
 @dataclass(frozen=True)
