@@ -35,12 +35,14 @@ class PosedPhotograph:
         c2w: (4, 4) float64, rigid, OpenGL axes: the camera looks along -Z.
         lens: of that picture.
         mask: of a picture whose grey level is the object's alpha, where one lies beside it.
+        mask_way: how that was come by.
     """
 
     path: Path
     c2w: Tensor
     lens: Lens
     mask: Path | None = None
+    mask_way: str = "mask file"
 
 
 @dataclass(frozen=True)

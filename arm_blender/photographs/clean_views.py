@@ -23,9 +23,9 @@ from ..views.mask_files import read_mask
 from ..views.preprocess import MAXIMUM_SIDE, MINIMUM_SIDE
 from ..views.transforms_json import MAXIMUM_VIEWS, TRANSFORMS, write_transforms
 from .capture import Capture, PosedPhotograph
-from .comparing import compare
 from .cut_out import CutOut, PaintedMask, cut_out, quick_look
 from .framing import Window
+from .masks.comparing import compare
 from .selection import (
     BLURRED,
     ENOUGH,

@@ -121,7 +121,7 @@ def cut_out(
     if painted is not None:
         alpha, way = whole.of(read_mask(painted.path), painted.window), "painted mask"
     elif own:
-        alpha, way = seen[3] * known, "alpha" if photograph.mask is None else "mask file"
+        alpha, way = seen[3] * known, "alpha" if photograph.mask is None else photograph.mask_way
     else:
         ways: list[str] = []
         alpha = foreground(seen, photograph.path, lambda _, way: ways.append(way))[3] * known

@@ -6,7 +6,7 @@ from ..errors import CameraError, InputImageError
 from ..progress import Progress
 from ..views.transforms_json import MAXIMUM_VIEWS, TRANSFORMS, read_frames
 from .capture import Capture
-from .colmap_model import capture_of_colmap, model_folder
+from .colmap.model import capture_of_colmap, model_folder
 from .transforms_capture import capture_of_transforms
 
 PROJECTS = {

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from ..views.image_io import pictures_in
+from ..views.mask_files import mask_beside
 from ..views.pillow_io import open_picture
 
 NOT_TAKEN = (".exr", ".hdr")
@@ -45,8 +46,10 @@ class Photograph:
 
 
 def photographs_in(folder: Path) -> list[Path]:
-    """The pictures of a folder that a camera may have taken, by name."""
-    return [path for path in pictures_in(folder) if path.suffix.lower() not in NOT_TAKEN]
+    """The pictures of a folder that a camera may have taken, by name; masks that lie beside them are none."""
+    found = [path for path in pictures_in(folder) if path.suffix.lower() not in NOT_TAKEN]
+    masks = {mask_beside(path, folder) for path in found}
+    return [path for path in found if path not in masks]
 
 
 def looked_at(path: Path) -> Photograph:

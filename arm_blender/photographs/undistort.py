@@ -15,7 +15,7 @@ from torch.nn.functional import grid_sample, interpolate
 from ..errors import CameraError
 from ..progress import Progress
 from .capture import Lens
-from .colmap_job import run_job
+from .colmap.runner import arrays
 
 SIDE = 257
 """Entries a side of a table: between two a lens bends by less than a fortieth of a pixel of 12 megapixels."""
@@ -74,7 +74,7 @@ def ray_tables(lenses: Iterable[Lens], progress: Progress) -> dict[Lens, RayTabl
     bent = [lens for lens in distinct if lens not in tables]
     if bent:
         listed = [[lens.model, list(lens.parameters), lens.width, lens.height] for lens in bent]
-        made = run_job({"job": "ray_tables", "lenses": listed, "side": SIDE}, progress, "reading the lenses")
+        made = arrays("ray_tables", {"lenses": listed, "side": SIDE}, progress, "reading the lenses")
         for lens, bounds, places in zip(bent, made["bounds"].tolist(), made["places"], strict=True):
             if not (bounds[0] < bounds[2] and bounds[1] < bounds[3]):
                 raise CameraError(

@@ -19,7 +19,7 @@ from ..views.rigs import AZIMUTHS_DEG
 from ..views.transforms_json import TRANSFORMS
 from .cameras.solving import SolvingOptions, solved
 from .clean_views import CleaningOptions, clean_views
-from .colmap_model import model_folder
+from .colmap.model import model_folder
 from .pictures import looked_at, photographs_in
 from .video import frames_of, is_video
 

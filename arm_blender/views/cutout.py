@@ -62,7 +62,7 @@ def cut_out(image: Tensor) -> Tensor:
     found = _looks(network, srgb)
     if not sees_something(found) or int((found > _CERTAIN).sum()) < _CERTAIN_SHARE * int((found > 0.5).sum()):
         raise Unsure("the small network sees no object")
-    alpha = _along_edges(srgb, found)
+    alpha = along_edges(srgb, found)
     opaque = alpha > 0.5
     return alpha * ~(opaque & ~without_specks(opaque))
 
@@ -138,7 +138,7 @@ def _pixels(window: tuple[float, float, float, float], height: int, width: int) 
     return round(top * height), round(bottom * height), round(left * width), round(right * width)
 
 
-def _along_edges(srgb: Tensor, probability: Tensor) -> Tensor:
+def along_edges(srgb: Tensor, probability: Tensor) -> Tensor:
     """(H, W) alpha whose edges are those of a picture (3, H, W), near the ones of `probability` (h, w)."""
     scale = min(1.0, _FILTERED_SIDE / max(srgb.shape[1:]))
     size = [max(1, round(scale * side)) for side in srgb.shape[1:]]

@@ -215,7 +215,7 @@ def test_projects_of_other_programs_are_refused_with_advice(tmp_path, name):
 
 
 def test_without_pycolmap_the_remedy_is_said(tmp_path, monkeypatch):
-    monkeypatch.setattr("arm_blender.photographs.colmap_job.is_there", lambda module: False)
+    monkeypatch.setattr("arm_blender.photographs.colmap.runner.is_there", lambda module: False)
     grey_pictures(tmp_path / "images", 1)
     write_colmap(tmp_path / "sparse" / "0", ["0000.png"], orbit(1), SMALL, False)
     with pytest.raises(ArmError, match="pip install pycolmap"):

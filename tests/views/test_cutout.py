@@ -93,7 +93,7 @@ def test_the_filter_takes_a_coarse_mask_to_the_colours_edge():
     coarse = coarse.roll(1, dims=1)
     srgb = torch.where(mask, torch.tensor([0.7, 0.5, 0.2])[:, None, None], torch.tensor([0.3, 0.4, 0.5])[:, None, None])
     enlarged = interpolate(coarse[None, None], (512, 512), mode="bilinear")[0, 0]
-    found = cutout._along_edges(srgb, coarse)
+    found = cutout.along_edges(srgb, coarse)
     assert iou(enlarged, mask) < 0.97 < 0.98 < iou(found, mask)
 
 

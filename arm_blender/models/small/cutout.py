@@ -30,6 +30,8 @@ class CutoutConfig:
     """Pixels of the longer side of a picture at first; the network was fitted on squares of 128."""
     closer_side: int = 160
     """As `side`, of a closer look at the object."""
+    evidence: int = 0
+    """Channels beside the colours, where something else is known about each pixel."""
 
     @property
     def multiple(self) -> int:
@@ -78,7 +80,8 @@ class Cutout(nn.Module):
         self.config = config
         widths = config.widths
         self.downs = nn.ModuleList(
-            ConvNorm(before, width, stride=2) for before, width in zip((6, *widths), widths, strict=False)
+            ConvNorm(before, width, stride=2)
+            for before, width in zip((6 + config.evidence, *widths), widths, strict=False)
         )
         self.encoders = nn.ModuleList(
             nn.Sequential(*(Residual(width) for _ in range(depth)))
@@ -92,24 +95,27 @@ class Cutout(nn.Module):
         self.out = nn.Conv2d(widths[0], 4, 3, padding=1)
         self.coarse = nn.Conv2d(widths[-1], 1, 1)
 
-    def forward(self, srgb: Tensor) -> Tensor:
+    def forward(self, picture: Tensor) -> Tensor:
         """Logits of alpha (B, 1, H, W), as `both` gives them."""
-        return self.both(srgb)[0]
+        return self.both(picture)[0]
 
-    def both(self, srgb: Tensor) -> tuple[Tensor, Tensor]:
+    def both(self, picture: Tensor) -> tuple[Tensor, Tensor]:
         """Logits of alpha, and what is known of it before its outline is: the coarsest level learns by them.
 
         Args:
-            srgb: (B, 3, H, W) sRGB in [0, 1]; H and W multiples of `config.multiple`.
+            picture: (B, 3 + E, H, W), sRGB in [0, 1] and E = `config.evidence` channels in [-1, 1]; H and W multiples
+                of `config.multiple`.
         Returns:
             (B, 1, H, W), and (B, 1, H / multiple, W / multiple).
         Raises:
             ValueError: wrong shape.
         """
-        multiple = self.config.multiple
-        if srgb.ndim != 4 or srgb.shape[1] != 3 or srgb.shape[2] % multiple or srgb.shape[3] % multiple:
-            raise ValueError(f"pictures must be (B, 3, H, W), multiples of {multiple}, got {tuple(srgb.shape)}")
-        x, skips = torch.cat([2.0 * srgb - 1.0, _place(srgb), _unlike_border(srgb)], dim=1), []
+        multiple, channels = self.config.multiple, 3 + self.config.evidence
+        shape = tuple(picture.shape)
+        if len(shape) != 4 or shape[1] != channels or shape[2] % multiple or shape[3] % multiple:
+            raise ValueError(f"pictures must be (B, {channels}, H, W), multiples of {multiple}, got {shape}")
+        srgb, told = picture[:, :3], picture[:, 3:]
+        x, skips = torch.cat([2.0 * srgb - 1.0, _place(srgb), _unlike_border(srgb), told], dim=1), []
         for down, encoder in zip(self.downs, self.encoders, strict=True):
             x = encoder(down(x))
             skips.append(x)

@@ -1,36 +1,19 @@
 """Asks the process that solves cameras for one step after the other, and reads what it found."""
 
 import json
-import logging
-import os
-import subprocess
-import sys
-import threading
 import zipfile
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from queue import Empty, SimpleQueue
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from ...errors import CameraError
-from ...machine.libraries import is_there
 from ...progress import Progress
 from ..capture import Lens
-from .solver_process import MARK
-
-logger = logging.getLogger(__name__)
-
-WORKER = Path(__file__).with_name("solver_process.py")
-
-NOT_THERE = "solving cameras needs pycolmap: pip install pycolmap, or the preferences' Install inside Blender"
-
-_TICK = 0.2
-"""Seconds until a stop is noticed."""
+from ..colmap.runner import ColmapFailed, run
 
 
 @dataclass(frozen=True)
@@ -98,7 +81,7 @@ def match(job: Job, progress: Progress) -> None:
     Raises:
         ArmError: pycolmap is not there, or its process has failed.
     """
-    _run(job, job.words(step="match"), progress)
+    _run("match", job, job.words(), progress)
 
 
 def solve(job: Job, name: str, factor: float | None, progress: Progress) -> tuple[list[Solution], list[list[str]]]:
@@ -114,7 +97,7 @@ def solve(job: Job, name: str, factor: float | None, progress: Progress) -> tupl
         ArmError: as `match`.
     """
     models = job.folder / name
-    said = _run(job, job.words(step="map", factor=factor, models=str(models), refine=True), progress)
+    said = _run("map_pictures", job, job.words(factor=factor, models=str(models), refine=True), progress)
     groups: list[list[str]] = next((words["models"] for words in said if "models" in words), [])
     return [_read(models / kind) for kind in ("fixed", "refined") if (models / f"{kind}.npz").is_file()], groups
 
@@ -129,7 +112,7 @@ def solve_again(job: Job, first: Solution, progress: Progress) -> Solution | Non
         {"picture": name, "parameters": lens.parameters} for name, lens in zip(first.names, first.lenses, strict=True)
     ]
     models = job.folder / "again"
-    _run(job, job.words(step="again", solved=solved, models=str(models)), progress)
+    _run("map_again", job, job.words(solved=solved, models=str(models)), progress)
     return _read(models / "again") if (models / "again.npz").is_file() else None
 
 
@@ -159,67 +142,16 @@ def _read_whole(stem: Path) -> Solution:
     return Solution(names, w2c, tuple(lenses), points, seen, pairs, told["error"])
 
 
-def _run(job: Job, words: dict[str, Any], progress: Progress) -> list[dict[str, Any]]:
-    """Runs the process to its end; what it told.
+def _run(step: str, job: Job, words: dict[str, Any], progress: Progress) -> list[dict[str, Any]]:
+    """Runs a step of the process to its end; what it told.
 
     Raises:
-        ArmError: it failed, or crashed.
+        ArmError: pycolmap is not there, failed, or crashed.
     """
-    if not is_there("pycolmap"):
-        raise CameraError(NOT_THERE)
-    task, log = job.folder / f"{words['step']}.json", job.folder / f"{words['step']}.log"
-    task.write_text(json.dumps(words), encoding="utf-8")
-    command = [sys.executable, "-I", str(WORKER), str(task), os.pathsep.join(path for path in sys.path if path)]
-    environment = os.environ | {"OMP_NUM_THREADS": str(job.threads)}
-    with log.open("wb") as errors:
-        process = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=errors,
-            env=environment,
-            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),  # No console window on Windows.
-        )
-        assert process.stdout is not None  # A pipe was asked for.
-        lines: SimpleQueue[dict[str, Any]] = SimpleQueue()
-        reader = threading.Thread(target=_listen, args=(process.stdout, lines), daemon=True)
-        reader.start()
-        try:
-            said = list(_heard(reader, lines, progress))
-        finally:
-            process.kill()
-            process.wait()
-            reader.join()
-            process.stdout.close()
-    reasons = [line["error"] for line in said if "error" in line]
-    if process.returncode != 0:
-        logger.debug("%s", log.read_text(encoding="utf-8", errors="replace"))
-        raise _broken(reasons[-1] if reasons else f"it ended with status {process.returncode}")
-    return said
-
-
-def _listen(stream: IO[bytes], lines: "SimpleQueue[dict[str, Any]]") -> None:
-    """Takes what is meant for us out of what native code prints."""
-    for line in stream:
-        text = line.decode("utf-8", "replace")
-        if text.startswith(MARK):
-            lines.put(json.loads(text.removeprefix(MARK)))
-
-
-def _heard(
-    reader: threading.Thread, lines: "SimpleQueue[dict[str, Any]]", progress: Progress
-) -> Iterable[dict[str, Any]]:
-    """What the process tells, until it ends; `progress` hears of it, and is asked whether to go on."""
-    fraction, message = 0.0, "starting pycolmap"
-    while reader.is_alive() or not lines.empty():
-        progress(fraction, message)
-        try:
-            line = lines.get(timeout=_TICK)
-        except Empty:
-            continue
-        if "fraction" in line:
-            fraction, message = line["fraction"], line["message"]
-        yield line
+    try:
+        return run(step, words, job.folder, progress, "starting pycolmap", job.threads)
+    except ColmapFailed as failed:
+        raise _broken(failed.reason) from failed
 
 
 def _broken(reason: str) -> CameraError:

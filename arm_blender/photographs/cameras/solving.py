@@ -1,6 +1,7 @@
 """Photographs without cameras to a capture: several attempts, from cheap to thorough, until one bears its own check."""
 
 import logging
+import math
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -15,10 +16,11 @@ from ...errors import CameraError, InputImageError
 from ...progress import Progress, part
 from ...views.foreground import Heard, unheard
 from ..capture import Capture, Lens, PosedPhotograph
-from .joint_hull import JointHull, joint_hull
+from ..masks.joint_hull import JointHull, joint_hull
+from .looking_again import looked_at_again
 from .solver import Job, Solution, match, solve, solve_again
 from .standing import Upright, upright
-from .trust import FEWEST, Trust, compared, judged
+from .trust import FEWEST, Trust, apart, compared, judged
 from .working_copies import WorkingCopy, lenses_of, working_copies, write_regions
 
 logger = logging.getLogger(__name__)
@@ -35,6 +37,12 @@ MOST_FOCAL_CHANGE, MOST_RADIAL = 0.15, 0.3
 
 _MASKED = 0.7
 """Of the pictures, the share that must have a mask for masks to be used."""
+
+_NEARLY_ALL = 0.9
+"""Of the pictures, the share that has to have a camera for a good solution to be looked for no further."""
+
+_ANOTHER_SIZE = 0.2
+"""Change of an object's size, as a logarithm, from which on it has to be looked at once more."""
 
 _SECOND_GROUP = 0.25
 """Of the pictures, the share in a second solution that stands for a second thing."""
@@ -101,25 +109,36 @@ def solved(
     if len(paths) < FEWEST:
         raise InputImageError(f"{where}: {len(paths)} pictures without cameras are too few; {BETTER}")
     with tempfile.TemporaryDirectory(prefix="arm-cameras-") as name:
-        pictures = Path(name, "pictures")
+        pictures, colors = Path(name, "pictures"), Path(name, "colors")
         pictures.mkdir()
-        copies, left_out = working_copies(paths, pictures, part(progress, 0.0, 0.25), heard)
+        colors.mkdir()
+        copies, left_out = working_copies(paths, pictures, colors, part(progress, 0.0, 0.25))
         if len(copies) < FEWEST:
             reason = next(iter(left_out.items()), ("", ""))
             raise InputImageError(f"{where}: {len(copies)} of {len(paths)} pictures do ({': '.join(reason)}); {BETTER}")
-        found = _best(copies, Path(name), options, part(progress, 0.25, 0.95))
+        found = _best(copies, Path(name), options, part(progress, 0.25, 0.85))
         if found is None or found.trust.level == "wrong":
             raise CameraError(f"{where}: {_why_not(found, copies)}; {BETTER}")
-        progress(0.95, "looking for the ground")
+        progress(0.85, "looking for the ground")
         by_name = {copy.name: copy for copy in copies}
         own = [by_name[name] for name in found.solution.names]
         stand = _stand(found, own, options.seed)
+        for share in (part(progress, 0.85, 0.92), part(progress, 0.92, 0.99)):
+            before, own = stand, looked_at_again(own, colors, found.solution, stand, share)
+            # Better masks tell better how large the object is, where its ground is, and whether the cameras fit them.
+            found = _with_masks(found, own, len(copies))
+            stand = _stand(found, own, options.seed)
+            if _is_alike(before, stand):
+                break
         capture = _capture(found.solution, stand, own, copies, folder, left_out)
+    for copy in own:
+        for way in copy.told:
+            heard(copy.photograph.path.name, way)
     return Solved(capture, found.trust, _facts(found, stand, copies))
 
 
 def _best(copies: list[WorkingCopy], folder: Path, options: SolvingOptions, progress: Progress) -> _Found | None:
-    """The first attempt that is good, else the best one; None where none solved anything."""
+    """The first attempt that is good, with nearly all pictures, else the best one; None where none solved anything."""
     best: _Found | None = None
     jobs = list(_jobs(copies, folder, options))
     for index, (way, job) in enumerate(jobs):
@@ -141,7 +160,7 @@ def _best(copies: list[WorkingCopy], folder: Path, options: SolvingOptions, prog
             logger.info("%s, focal %s: %s", way, factor, found.trust)
             if best is None or found.trust.rank > best.trust.rank:
                 best = found
-            if found.trust.level == "good":
+            if found.trust.level == "good" and found.trust.measures["registered"] >= _NEARLY_ALL:
                 return found
         if best is not None and best.trust.level == "doubtful" and best.hull is None:
             return best  # Without masks there is nothing that would tell the next one from it.
@@ -180,11 +199,28 @@ def _hull(solution: Solution, copies: list[WorkingCopy]) -> JointHull | None:
     return joint_hull(solution.w2c[rows], lenses, [masks[solution.names[row]] for row in rows])
 
 
+def _with_masks(found: _Found, own: list[WorkingCopy], count: int) -> _Found:
+    """What was found with the masks of `own` and their hull; of `count` pictures."""
+    hull = _hull(found.solution, own)
+    trust = judged(found.solution, count, hull)
+    if "apart" in found.trust.measures:
+        trust = apart(trust, found.trust.measures["apart"])
+    # Masks that know the cameras cannot speak against them.
+    return replace(found, hull=hull, trust=trust if trust.rank > found.trust.rank else found.trust)
+
+
 def _stand(found: _Found, own: list[WorkingCopy], seed: int) -> Upright:
     masks = None
     if found.hull is not None:
         masks = [torch.zeros(copy.height, copy.width) if copy.mask is None else copy.mask for copy in own]
     return upright(found.solution, masks, found.hull, seed)
+
+
+def _is_alike(before: Upright, after: Upright) -> bool:
+    """Whether what was looked at first is what was found."""
+    if (before.ground is None) != (after.ground is None):
+        return False
+    return bool(abs(math.log(after.scale / before.scale)) < _ANOTHER_SIZE)
 
 
 def _why_not(found: _Found | None, copies: list[WorkingCopy]) -> str:
@@ -218,7 +254,8 @@ def _capture(
         if copy.mask is not None:
             mask = folder / copy.name
             Image.fromarray((copy.mask.clamp(0.0, 1.0) * 255.0).round().numpy().astype(np.uint8)).save(mask)
-        posed.append(PosedPhotograph(copy.photograph.path, c2w, _full_size(lens, copy), mask))
+        way = copy.told[0] if copy.told else ""
+        posed.append(PosedPhotograph(copy.photograph.path, c2w, _full_size(lens, copy), mask, way))
     without = {copy.photograph.path.name for copy in copies} - {copy.photograph.path.name for copy in own}
     reasons = dict.fromkeys(sorted(without), "its camera could not be solved: too little in common with the others")
     return Capture(tuple(posed), stand.moved(solution.points), left_out | reasons, stand.ground, solved=True)

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from .joint_hull import JointHull
+from ..masks.joint_hull import JointHull
 from .solver import Solution
 
 LONGEST = 2.0

@@ -6,7 +6,7 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from .joint_hull import JointHull
+from ..masks.joint_hull import JointHull
 from .solver import Solution
 
 Level = Literal["good", "doubtful", "wrong"]
@@ -89,11 +89,15 @@ def judged(solution: Solution, count: int, hull: JointHull | None) -> Trust:
 
 def compared(trust: Trust, first: Solution, second: Solution | None) -> Trust:
     """The judgement after a second opinion: another solution of the same pictures."""
-    apart = 1.0 if second is None else distance_apart(first, second)
-    finding = _low(-apart, (-SHARED[0], -SHARED[1]), "two ways to solve the cameras disagree")
+    return apart(trust, 1.0 if second is None else distance_apart(first, second))
+
+
+def apart(trust: Trust, distance: float) -> Trust:
+    """The judgement after a second solution that puts the cameras that far apart, as `distance_apart` tells."""
+    finding = _low(-distance, (-SHARED[0], -SHARED[1]), "two ways to solve the cameras disagree")
     if finding[0] == "wrong" and trust.measures.get("agreement", 0.0) >= AGREEMENT[0]:
         finding = "doubtful", finding[1]  # The masks, which neither knows, bear out this one.
-    measures = trust.measures | {"apart": apart}
+    measures = trust.measures | {"apart": distance}
     return _trust([(trust.level, reason) for reason in trust.reasons] + [finding], measures)
 
 

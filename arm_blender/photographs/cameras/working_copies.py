@@ -13,8 +13,11 @@ from torch import Tensor
 from ...errors import InputImageError
 from ...graphics.color import linear_from_srgb
 from ...progress import Progress
-from ...views.foreground import Heard, foreground
+from ...views.foreground import foreground
+from ...views.image_io import read_orientation
+from ...views.mask_files import mask_beside, with_mask
 from ...views.pillow_io import reduced
+from ..masks.joint_look import is_guessed
 from ..pictures import Photograph, looked_at
 
 SIDE = 1280
@@ -41,6 +44,7 @@ class WorkingCopy:
         width: pixels of the copy.
         height: as `width`.
         mask: (height, width) float, the object's alpha; None where none was found.
+        told: by which way it was found, and what is doubtful about it, as `views.foreground.Heard` is told.
     """
 
     name: str
@@ -48,17 +52,24 @@ class WorkingCopy:
     width: int
     height: int
     mask: Tensor | None
+    told: tuple[str, ...] = ()
+
+    @property
+    def is_guessed(self) -> bool:
+        """Whether nobody gave its mask: it was found in the picture, or is missing."""
+        return not self.told or is_guessed(self.told[0])
 
 
 def working_copies(
-    paths: list[Path], folder: Path, progress: Progress, heard: Heard
+    paths: list[Path], folder: Path, colors: Path, progress: Progress
 ) -> tuple[list[WorkingCopy], dict[str, str]]:
-    """Writes the copies of photographs into `folder`, which exists.
+    """Writes the copies of photographs, as grey levels.
 
     Args:
-        paths: of the photographs.
+        paths: of the photographs; a mask that lies beside one goes before every way to find it.
+        folder: of the copies; exists.
+        colors: folder for copies with their colours, under the same names; exists.
         progress: told each picture.
-        heard: told by which way each was cut out.
     Returns:
         The copies, and of each picture that does not do its name and the reason.
     """
@@ -77,8 +88,16 @@ def working_copies(
             left_out[path.name] = f"{width}x{height} pixels; give at least {SMALLEST}"
             continue
         name = f"{index:04d}.png"
-        Image.fromarray(pixels[..., :3]).convert("L").save(folder / name, compress_level=1)
-        copies.append(WorkingCopy(name, photograph, width, height, _mask(pixels, path, heard)))
+        picture = Image.fromarray(pixels[..., :3])
+        picture.convert("L").save(folder / name, compress_level=1)
+        picture.save(colors / name, compress_level=1)
+        told: list[str] = []
+        try:
+            mask = _mask(pixels, path, told)
+        except InputImageError as error:
+            left_out[path.name] = str(error)
+            continue
+        copies.append(WorkingCopy(name, photograph, width, height, mask, tuple(told)))
     return copies, left_out
 
 
@@ -122,12 +141,21 @@ def _region(mask: NDArray[np.bool_], ground: bool) -> NDArray[np.uint8]:
     return region
 
 
-def _mask(pixels: NDArray[np.uint8], path: Path, heard: Heard) -> Tensor | None:
-    """The object's alpha of (H, W, 4) sRGB pixels; None where no way is sure of it."""
+def _mask(pixels: NDArray[np.uint8], path: Path, told: list[str]) -> Tensor | None:
+    """The object's alpha of (H, W, 4) sRGB pixels; None where no way is sure of it.
+
+    Raises:
+        InputImageError: a mask beside the picture does not fit it.
+    """
     values = torch.from_numpy(pixels).permute(2, 0, 1) / 255.0
     image = torch.cat([linear_from_srgb(values[:3]), values[3:]])
-    try:
-        mask = foreground(image, path, heard)[3]
-    except InputImageError:
-        return None
+    given = mask_beside(path, path.parent)
+    if given is not None:
+        told.append("mask file")
+        mask = with_mask(image, given, read_orientation(path)[2])[3]
+    else:
+        try:
+            mask = foreground(image, path, lambda _, way: told.append(way))[3]
+        except InputImageError:
+            return None
     return mask if bool((mask > 0.5).any()) else None

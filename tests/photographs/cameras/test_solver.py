@@ -8,8 +8,8 @@ import time
 import pytest
 
 from arm_blender.errors import ArmError, Cancelled
-from arm_blender.photographs.cameras import solver
 from arm_blender.photographs.cameras.solver import Job, match, solve
+from arm_blender.photographs.colmap import runner
 from arm_blender.progress import silent
 
 
@@ -25,7 +25,7 @@ def worker(tmp_path, monkeypatch):
     def put(text: str) -> None:
         program = tmp_path / "worker.py"
         program.write_text(text, encoding="utf-8")
-        monkeypatch.setattr(solver, "WORKER", program)
+        monkeypatch.setattr(runner, "PROGRAM", program)
 
     return put
 
@@ -77,7 +77,7 @@ def test_a_stop_ends_the_process_within_a_second(job, worker, tmp_path):
 
 
 def test_without_pycolmap_the_remedy_is_named(job, monkeypatch):
-    monkeypatch.setattr(solver, "is_there", lambda module: False)
+    monkeypatch.setattr(runner, "is_there", lambda module: False)
     with pytest.raises(ArmError, match="pip install pycolmap"):
         match(job, silent)
 

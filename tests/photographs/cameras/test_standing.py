@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from arm_blender.photographs.cameras.joint_hull import joint_hull
 from arm_blender.photographs.cameras.standing import upright
+from arm_blender.photographs.masks.joint_hull import joint_hull
 
 from .solutions import box, masks_of, pixels, solution, w2c_ring
 

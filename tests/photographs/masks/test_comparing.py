@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from arm_blender.graphics.cameras import orbit_camera
-from arm_blender.photographs.comparing import compare
+from arm_blender.photographs.masks.comparing import compare
 from arm_blender.views.image_io import read_image, write_png
 
 from .test_agreement import SIDE, balls

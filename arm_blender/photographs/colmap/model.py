@@ -10,14 +10,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..errors import CameraError, InputImageError
-from ..progress import Progress
-from ..views.image_io import read_orientation
-from ..views.mask_files import mask_beside
-from .capture import Capture, Lens, PosedPhotograph
-from .colmap_job import ColmapFailed, run_job
-from .orientation import oriented
-from .selection import object_center
+from ...errors import CameraError, InputImageError
+from ...progress import Progress
+from ...views.image_io import read_orientation
+from ...views.mask_files import mask_beside
+from ..capture import Capture, Lens, PosedPhotograph
+from ..orientation import oriented
+from ..selection import object_center
+from .runner import ColmapFailed, arrays
 
 _DISTANCE = 4.0
 """Of the cameras from the object, on average, in a model that had to be set upright: as in our rig."""
@@ -49,7 +49,7 @@ def capture_of_colmap(path: Path, progress: Progress) -> Capture:
     if folder is None:
         raise CameraError(f"{path}: no cameras.bin or cameras.txt; give the folder with sparse/0 in it")
     try:
-        read = run_job({"job": "read_model", "folder": str(folder)}, progress, f"reading {folder.name}")
+        read = arrays("read_model", {"folder": str(folder)}, progress, f"reading {folder.name}")
     except ColmapFailed as error:
         raise CameraError(f"{folder}: no readable model of COLMAP ({error}); export it again") from error
     model = json.loads(str(read["json"]))

@@ -7,7 +7,7 @@ import torch
 
 from arm_blender.errors import Cancelled
 from arm_blender.graphics.cameras import orbit_camera
-from arm_blender.photographs.agreement import agreed
+from arm_blender.photographs.masks.agreement import agreed
 
 SIDE = 160
 

@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import interpolate, max_pool2d
 
-from ..graphics.cameras import Camera
-from ..graphics.visual_hull import Outlines, signed_silhouette_distance
-from ..progress import Progress, silent
+from ...graphics.cameras import Camera
+from ...graphics.visual_hull import Outlines, signed_silhouette_distance
+from ...progress import Progress, silent
 
 _CELLS, _HALF = 80, 1.5
 """Samples along a side of what is looked at, and half of that side, world units: where masks are wrong, so is the size

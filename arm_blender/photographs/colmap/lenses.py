@@ -1,11 +1,10 @@
-"""What pycolmap does for us, as a program of its own: a crash in its native code takes nobody along.
+"""Lenses and models as COLMAP knows them: which rays a lens sees, and the cameras that other programs have solved.
 
-Run as a script, with a job as JSON on stdin: `{"job": name, ...}`. Arrays go through .npz files that the job names.
-Imports nothing of ours: it must start where only pycolmap and numpy are found.
+Loaded by `process.py` alone, which says what may be imported.
 """
 
 import json
-import sys
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,7 @@ _ROUND_TRIP = 0.5
 """Pixels: where a ray's pixel has another ray, the polynomial of the lens has folded back, and shows nothing real."""
 
 
-def ray_tables(job: dict[str, Any]) -> None:
+def ray_tables(job: dict[str, Any], tell: Callable[..., None]) -> None:
     """Where the rays of lenses land in their pictures.
 
     Args:
@@ -45,7 +44,7 @@ def ray_tables(job: dict[str, Any]) -> None:
     np.savez(job["out"], bounds=bounds, places=places)
 
 
-def read_model(job: dict[str, Any]) -> None:
+def read_model(job: dict[str, Any], tell: Callable[..., None]) -> None:
     """The cameras, the images and the points of a model of COLMAP, binary or text.
 
     Args:
@@ -96,8 +95,3 @@ def _seen(camera: Any, rays: NDArray[np.float64], size: NDArray[np.float64]) -> 
 def _lattice(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
     """(Y * X, 2) all pairs, row by row."""
     return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-
-
-if __name__ == "__main__":
-    work = json.load(sys.stdin)
-    {"ray_tables": ray_tables, "read_model": read_model}[work["job"]](work)

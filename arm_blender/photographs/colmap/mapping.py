@@ -1,14 +1,12 @@
-"""Solves cameras with COLMAP in a process of its own: a crash of native code, or a stop, must not reach who asked.
+"""Cameras from pictures, by COLMAP: features and matches, cameras and points, and a second opinion.
 
-Started by `solver.py` as a script, with the path of a job (JSON) and the search path for modules. Imports nothing of
-this package. Writes models into the job's folder; lines on stdout that begin with `MARK` are JSON: progress, an error.
+Loaded by `process.py` alone, which says what may be imported. Models are written into the job's folder.
 """
 
 from __future__ import annotations
 
 import json
-import os
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -18,8 +16,8 @@ if TYPE_CHECKING:
 
     Floats: TypeAlias = NDArray[np.float64]
 
-MARK = "\x1earm "
-"""Begins each line that is meant for the parent: native code writes lines of its own."""
+Tell: TypeAlias = Callable[..., None]
+"""Tells the parent something: `fraction` and `message`, or words of another kind."""
 
 MOST_FEATURES = 4096
 """Of a picture. More take longer to match, by the square, and bring weak ones."""
@@ -37,30 +35,7 @@ EPIPOLAR_PIXELS = 4.0
 """How far a match may lie from where the solved cameras allow it."""
 
 
-def main(job_path: str, search_path: str) -> None:
-    """Do the steps of a job, in order."""
-    sys.path[:0] = search_path.split(os.pathsep)
-    job = json.loads(Path(job_path).read_text(encoding="utf-8"))
-    steps = {"match": _match, "map": _map, "again": _again}
-    try:
-        steps[job["step"]](job)
-    except (RuntimeError, ValueError, KeyError, IndexError, OSError, ImportError) as error:
-        _tell(error=f"{type(error).__name__}: {error}")
-        _leave(1)
-    _leave(0)
-
-
-def _leave(status: int) -> None:
-    """Native libraries that clear up at the end of a process have crashed there, with everything written."""
-    sys.stdout.flush()
-    os._exit(status)
-
-
-def _tell(**words: Any) -> None:
-    print(MARK + json.dumps(words), flush=True)
-
-
-def _match(job: dict[str, Any]) -> None:
+def match(job: dict[str, Any], tell: Tell) -> None:
     """Features of all pictures, and which of them are the same in any two, into the database of the job."""
     import pycolmap
 
@@ -79,7 +54,7 @@ def _match(job: dict[str, Any]) -> None:
             reader.camera_params = f"{lens['focal']},{lens['width'] / 2},{lens['height'] / 2},0"
         for start in range(0, len(lens["pictures"]), job["threads"]):
             names = lens["pictures"][start : start + job["threads"]]
-            _tell(fraction=0.4 * done / count, message=f"finding features: picture {done + 1} of {count}")
+            tell(fraction=0.4 * done / count, message=f"finding features: picture {done + 1} of {count}")
             pycolmap.extract_features(
                 job["database"],
                 job["pictures"],
@@ -93,7 +68,7 @@ def _match(job: dict[str, Any]) -> None:
                 with pycolmap.Database.open(job["database"]) as database:
                     reader.existing_camera_id = _camera_of(database, names[0])
             done += len(names)
-    _tell(fraction=0.4, message="matching features")
+    tell(fraction=0.4, message="matching features")
     matching = pycolmap.FeatureMatchingOptions()
     matching.use_gpu, matching.num_threads, matching.guided_matching = False, job["threads"], True
     verification = pycolmap.TwoViewGeometryOptions()
@@ -114,7 +89,7 @@ def _camera_of(database: Any, name: str) -> int:
     return int(image.camera_id)
 
 
-def _map(job: dict[str, Any]) -> None:
+def map_pictures(job: dict[str, Any], tell: Tell) -> None:
     """Cameras and points from the matches of a database, for the focal length of the job where it has one."""
     import pycolmap
 
@@ -130,7 +105,7 @@ def _map(job: dict[str, Any]) -> None:
     def next_picture() -> None:
         nonlocal registered
         registered += 1
-        _tell(fraction=0.5, message=f"solving cameras: {registered + 2} of {job['count']}")
+        tell(fraction=0.5, message=f"solving cameras: {registered + 2} of {job['count']}")
 
     folder = Path(job["models"])
     folder.mkdir(parents=True, exist_ok=True)
@@ -138,15 +113,15 @@ def _map(job: dict[str, Any]) -> None:
         job["database"], job["pictures"], folder, _mapping_options(job), next_image_callback=next_picture
     )
     models = sorted(found.values(), key=lambda model: -model.num_reg_images())
-    _tell(models=[sorted(model.images[index].name for index in model.reg_image_ids()) for model in models])
+    tell(models=[sorted(model.images[index].name for index in model.reg_image_ids()) for model in models])
     if models:
-        _tell(fraction=0.8, message="refining the cameras")
+        tell(fraction=0.8, message="refining the cameras")
         _write(models[0], job, "fixed")
         if job["refine"]:
             _write(_refined(models[0], job), job, "refined")
 
 
-def _again(job: dict[str, Any]) -> None:
+def map_again(job: dict[str, Any], tell: Tell) -> None:
     """A second opinion from the same matches, all cameras at once, with the focal lengths of the first solution."""
     import pycolmap
 
@@ -161,7 +136,7 @@ def _again(job: dict[str, Any]) -> None:
     adjustment = options.mapper.bundle_adjustment
     adjustment.refine_focal_length = adjustment.refine_extra_params = False
     adjustment.ceres.solver_options.num_threads = job["threads"]
-    _tell(fraction=0.9, message="comparing with a second solution")
+    tell(fraction=0.9, message="comparing with a second solution")
     folder = Path(job["models"])
     folder.mkdir(parents=True, exist_ok=True)
     found = pycolmap.global_mapping(job["database"], job["pictures"], folder, options)
@@ -288,7 +263,3 @@ def _rays(model: Any, index: int, keypoints: Any) -> Floats:
     camera = model.cameras[model.images[index].camera_id]
     flat = np.asarray(camera.cam_from_img(np.asarray(keypoints[:, :2], np.float64)), np.float64)
     return np.concatenate([flat, np.ones((len(flat), 1))], axis=1)
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import torch
 
-from ..graphics.borders import Rectangle, cut_sides
-from ..graphics.cameras import Camera
-from ..progress import Progress, silent
-from ..views.foreground import WAYS
-from ..views.image_io import read_image, write_png
+from ...graphics.borders import Rectangle, cut_sides
+from ...graphics.cameras import Camera
+from ...progress import Progress, silent
+from ...views.image_io import read_image, write_png
 from .agreement import agreed
+from .joint_look import is_guessed
 
 
 def compare(
@@ -35,7 +35,7 @@ def compare(
     Returns:
         Of each view that was mended, or should be dropped, why; and which should be dropped.
     """
-    if not any(way in WAYS for way in ways):
+    if not any(is_guessed(way) for way in ways):
         return {}, ()
     alphas = [read_image(picture)[3] for picture in pictures]
     whole = [index for index, alpha in enumerate(alphas) if not any(cut_sides(alpha, known[index]))]
@@ -45,7 +45,7 @@ def compare(
     found = agreed(masks, [cameras[index] for index in whole], progress, ground)
     words, dropped = {}, []
     for place, index in enumerate(whole):
-        if place not in found.words or ways[index] not in WAYS:
+        if place not in found.words or not is_guessed(ways[index]):
             continue
         words[index] = found.words[place]
         if place in found.dropped:
