@@ -32,7 +32,15 @@ from ..render_blender import illuminate
 from ..scene_blender import complete_materials, import_object, normalise, triangles
 from ..shards import save_arrays
 from . import phone
-from .ground_blender import Surface, add_ground, mark_object, render_linear
+from .ground_blender import (
+    Surface,
+    add_block,
+    add_clutter,
+    add_ground,
+    mark_object,
+    random_surface,
+    render_linear,
+)
 from .rig import CaptureConfig, Pose, hand_held, phone_lens
 
 logger = logging.getLogger(__name__)
@@ -103,6 +111,12 @@ def render_capture(
     low, high = vertices.min(0), vertices.max(0)
     turn = rng.uniform(0.0, 2.0 * math.pi)
     add_ground(Surface(texture, repeats=repeats), float(low[2]), _TABLE, turn)
+    beside = np.random.default_rng([config.seed, key, setting, 1])  # Its own: without it everything else stays.
+    if config.clutter:
+        add_clutter(textures, float(low[2]), beside)
+    if config.spoilt == "two":
+        place = (float(high[0]) + 0.9, 0.0, float(low[2]))
+        add_block(random_surface(textures, 1.5, beside), "cylinder", (1.2, 1.2, 1.5), place, turn)
     configure_cycles(render)
     lens = phone_lens(config, rng)
     poses = hand_held(config, float(np.linalg.norm(high - low)) / 2.0, rng)

@@ -1,5 +1,7 @@
 """A scene around an object: a ground that it stands on, things beside it, and a pass that tells it from both."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -94,6 +96,31 @@ def _dressed(thing: bpy.types.Object, surface: Surface) -> bpy.types.Object:
         tree.links.new(picture.outputs["Color"], shader.inputs["Base Color"])
     thing.data.materials.append(material)
     return thing
+
+
+def add_clutter(
+    textures: Sequence[Path], height: float, rng: np.random.Generator, nearest: float = 2.2
+) -> list[bpy.types.Object]:
+    """One to four things that stand on a ground of that height around the origin, at least `nearest` away."""
+    things = []
+    for _ in range(int(rng.integers(1, 5))):
+        azimuth, far = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(nearest, 7.0)
+        sides = rng.uniform(0.15, 1.5, 3) * (0.5 if far < 3.5 else 1.0)
+        place = (far * math.sin(azimuth), far * math.cos(azimuth), height)
+        kind = ("cube", "cylinder", "sphere")[int(rng.integers(3))]
+        surface = random_surface(textures, float(sides.max()), rng)
+        things.append(add_block(surface, kind, tuple(sides.tolist()), place, rng.uniform(0.0, 6.3)))
+    return things
+
+
+def random_surface(textures: Sequence[Path], size: float, rng: np.random.Generator) -> Surface:
+    """Of a thing that is `size` units wide: a texture whose tile is 1 to 8 units wide, or one colour."""
+    roughness = float(rng.uniform(0.1, 1.0))
+    if not textures or rng.random() < 0.25:
+        grey, tint = rng.uniform(0.02, 0.9), rng.uniform(0.7, 1.0, 3)
+        return Surface(color=tuple((grey * tint).tolist()), roughness=roughness)
+    tile = float(np.exp(rng.uniform(0.0, math.log(8.0))))
+    return Surface(textures[int(rng.integers(len(textures)))], repeats=max(size / tile, 0.3), roughness=roughness)
 
 
 def remove(things: list[bpy.types.Object]) -> None:

@@ -26,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--settings", type=int, default=1, help="captures of an object, each in another place")
     parser.add_argument("--k1", type=float, default=0.0, help="radial distortion of a capture's lens, -0.1 to 0.1")
     parser.add_argument("--spoilt", choices=SPOILT, help="what is wrong with a capture on purpose")
+    parser.add_argument("--clutter", action="store_true", help="things stand around the object of a capture")
 
 
 def run(assets: Sequence[Asset], hdris: Sequence[Path], args: argparse.Namespace, render: dict[str, Any]) -> int:
@@ -48,7 +49,7 @@ def run(assets: Sequence[Asset], hdris: Sequence[Path], args: argparse.Namespace
     from ..passes_blender import RenderConfig
     from .capture_blender import render_captures
 
-    config = CaptureConfig(args.pictures or 24, args.resolution, args.k1, args.spoilt, args.seed)
+    config = CaptureConfig(args.pictures or 24, args.resolution, args.k1, args.spoilt, args.clutter, args.seed)
     if not (PICTURES[0] <= config.pictures <= PICTURES[1] and abs(config.k1) <= 0.1):
         raise ArmError(f"--pictures {config.pictures} --k1 {config.k1}: give 12 to 40 pictures, and k1 of -0.1 to 0.1")
     device = RenderConfig(**render, gpu=not args.cpu)

@@ -11,10 +11,10 @@ from torch import Tensor
 from arm_blender.graphics.cameras import look_at
 from arm_blender.photographs.capture import Lens
 
-Spoilt = Literal["repeating", "few", "turned", "blurred"]
-SPOILT: tuple[Spoilt, ...] = ("repeating", "few", "turned", "blurred")
+Spoilt = Literal["repeating", "few", "turned", "blurred", "two"]
+SPOILT: tuple[Spoilt, ...] = ("repeating", "few", "turned", "blurred", "two")
 """What can be wrong with a capture: its ground repeats; it has few pictures, all from one side; the object was turned
-between the pictures, while its surroundings stood still; every picture is blurred."""
+between the pictures, while its surroundings stood still; every picture is blurred; a second thing stands beside it."""
 
 PICTURES = 12, 40
 """Fewest and most of a capture that is not spoilt."""
@@ -41,6 +41,8 @@ class CaptureConfig:
     """Radial distortion of the lens, as of COLMAP's SIMPLE_RADIAL; phones correct it, and leave .05 at most."""
     spoilt: Spoilt | None = None
     """What is wrong on purpose."""
+    clutter: bool = False
+    """Whether things stand further away on the ground."""
     seed: int = 0
     """Of everything that is drawn, together with the object's key and the setting's number."""
 

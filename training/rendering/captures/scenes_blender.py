@@ -36,7 +36,7 @@ from ..scene_blender import (
     vary_material,
 )
 from ..shards import save_arrays
-from .ground_blender import Surface, add_block, add_ground, mark_object, remove, render_linear
+from .ground_blender import add_block, add_clutter, add_ground, mark_object, random_surface, remove, render_linear
 
 
 @dataclass(frozen=True)
@@ -162,31 +162,16 @@ def _surroundings(
     height, things = float(low[2]) - 1e-3, []
     if rng.random() < 0.5:
         size = float(np.exp(rng.uniform(math.log(2.5), math.log(8.0))))
-        things.append(add_ground(_surface(textures, size, rng), height, size, rng.uniform(0.0, 6.3)))
+        things.append(add_ground(random_surface(textures, size, rng), height, size, rng.uniform(0.0, 6.3)))
         if rng.random() < 0.7:
             below = height - rng.uniform(0.5, 4.0)
-            things.append(add_ground(_surface(textures, 40.0, rng), below, 40.0, rng.uniform(0.0, 6.3)))
+            things.append(add_ground(random_surface(textures, 40.0, rng), below, 40.0, rng.uniform(0.0, 6.3)))
     else:
-        things.append(add_ground(_surface(textures, 40.0, rng), height, 40.0, rng.uniform(0.0, 6.3)))
-    for _ in range(int(rng.integers(1, 5)) if rng.random() < 0.5 else 0):
-        azimuth, far = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(2.2, 7.0)
-        sides = rng.uniform(0.15, 1.5, 3) * (0.5 if far < 3.5 else 1.0)
-        place = (far * math.sin(azimuth), far * math.cos(azimuth), height)
-        kind = ("cube", "cylinder", "sphere")[int(rng.integers(3))]
-        surface = _surface(textures, float(sides.max()), rng)
-        things.append(add_block(surface, kind, tuple(sides.tolist()), place, rng.uniform(0.0, 6.3)))
+        things.append(add_ground(random_surface(textures, 40.0, rng), height, 40.0, rng.uniform(0.0, 6.3)))
+    if rng.random() < 0.5:
+        things += add_clutter(textures, height, rng)
     if rng.random() < 0.2:
         azimuth, far = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(4.0, 9.0)
         place = (far * math.sin(azimuth), far * math.cos(azimuth), height - 0.01)
-        things.append(add_block(_surface(textures, 12.0, rng), "cube", (12.0, 0.2, 8.0), place, -azimuth))
+        things.append(add_block(random_surface(textures, 12.0, rng), "cube", (12.0, 0.2, 8.0), place, -azimuth))
     return things
-
-
-def _surface(textures: Sequence[Path], size: float, rng: np.random.Generator) -> Surface:
-    """Of a texture whose tile is 1 to 8 units wide, or of one colour."""
-    roughness = float(rng.uniform(0.1, 1.0))
-    if not textures or rng.random() < 0.25:
-        grey, tint = rng.uniform(0.02, 0.9), rng.uniform(0.7, 1.0, 3)
-        return Surface(color=tuple((grey * tint).tolist()), roughness=roughness)
-    tile = float(np.exp(rng.uniform(0.0, math.log(8.0))))
-    return Surface(textures[int(rng.integers(len(textures)))], repeats=max(size / tile, 0.3), roughness=roughness)

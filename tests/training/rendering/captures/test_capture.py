@@ -76,3 +76,23 @@ def test_scenes_have_masks_and_an_empty_place(data, tmp_path):
 def test_a_capture_out_of_range_is_refused_in_one_line(data, tmp_path, capsys):
     assert render(data, tmp_path, "--layout", "capture", "--pictures", "3") == 1
     assert "--pictures 3" in capsys.readouterr().err
+
+
+def test_things_around_are_no_object(data, tmp_path):
+    words = ["--layout", "capture", "--pictures", "12"]
+    assert render(data, tmp_path / "alone", *words) == render(data, tmp_path / "around", *words, "--clutter") == 0
+    assert render(data, tmp_path / "beside", *words, "--spoilt", "two") == 0
+    alone = tmp_path / "alone" / "box-0"
+    for other in (tmp_path / "around" / "box-0", tmp_path / "beside" / "box-two"):
+        truths = [json.loads((folder / "truth.json").read_text())["pictures"] for folder in (alone, other)]
+        assert [entry["c2w"] for entry in truths[0]] == [entry["c2w"] for entry in truths[1]]
+        different = 0.0
+        for entry in truths[0]:
+            masks, images = [], []
+            for folder in (alone, other):
+                masks.append(np.array(Image.open(folder / entry["mask"])) > 127)
+                images.append(np.array(Image.open(folder / entry["file"]), np.float32))
+            # Something may stand before the object; nothing else becomes one.
+            assert not (masks[1] & ~masks[0]).sum() > 0.02 * masks[0].sum()
+            different += float(np.abs(images[0] - images[1]).mean())
+        assert different > 12.0  # Levels of 255, on the mean of a picture one and more.
