@@ -42,6 +42,9 @@ DETAIL_TEXELS = 512
 CONSTANT_TOLERANCE = 0.02
 """A roughness or metallic map that stays this close to one value becomes the value; the eye sees no difference."""
 
+ALL_AROUND, SEEN = 4, 0.5
+"""So many views see half of a surface and more, if they agree where it is."""
+
 POINTS_AT_ONCE = {"cpu": 2**14, "cuda": 2**18, "mps": 2**17}
 """Points in one call of a field: what the caches of a core, or the memory of a GPU, hold."""
 
@@ -200,6 +203,10 @@ def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report,
     colors, weight = blend(seen, views.weights)
     known = (weight > 0.0) & texels.mask
     report.seen_share = float(known.sum() / texels.mask.sum().clamp(min=1))
+    if len(views.cameras) >= ALL_AROUND and report.seen_share < SEEN and settings.random_weights is None:
+        report.doubt(
+            f"{len(views.cameras)} views see {report.seen_share:.0%} of the surface; their masks may not fit together"
+        )
     if report.seen_share == 1.0:
         report.leave_out("in-painting", "every texel was seen")
     progress(0.26, "filling unseen texels")

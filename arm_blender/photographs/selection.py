@@ -14,8 +14,9 @@ _SHARPNESS_SIDE = 512
 _NEIGHBOURS = 4
 """Photographs from about the same direction that one is compared with: they see the same thing."""
 
-BLURRED = 0.4
-"""Of the sharpness of its neighbours: below it a photograph only serves where there is no other."""
+BLURRED = 0.25
+"""Of the sharpness of its neighbours: below it a photograph only serves where there is no other. On 20 captures of
+training objects 5 % of the sharp pictures are below it, where others see more detail, and 78 % of shaken ones."""
 
 ENOUGH = 8
 """Views: where there are so many, no blurred one is taken."""
