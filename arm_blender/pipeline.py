@@ -66,7 +66,7 @@ def generate(
         mesh: of the user's, in the views' frame: it keeps its shape, and its UVs if it has them; only its appearance
             is made. None has the shape reconstructed.
     Returns:
-        The asset, in the cameras' frame, and the report. Its name says where the weights were random.
+        The asset, in the cameras' frame, or scaled about its origin to `views.length`, and the report. Its name says where the weights were random.
     Raises:
         ArmError: the input does not do, weights are missing, the density has no surface, or no view sees `mesh`.
     """
@@ -100,6 +100,9 @@ def generate(
                 progress(SHARES["appearance"][1], "baking the normal map")
                 material = detail(mesh, dense, material, report)
     mesh = mesh.moved(frame.restore)
+    if views.length is not None and not given:
+        scale = views.length / float((mesh.vertices.amax(dim=0) - mesh.vertices.amin(dim=0)).max())
+        mesh = mesh.moved(lambda points: points * scale)
     report.faces, report.charts, report.texture_size = len(mesh.faces), mesh.charts, material.albedo.shape[-1]
     name = views.name
     if settings.random_weights is not None:

@@ -22,6 +22,7 @@ class ViewSet:
         known: of each view the pixels that a camera took, where others were added around them; None where none were.
         ground: height (world Z) of what the object stands on, where that is known.
         varying_exposure: the camera exposed by itself, each view for it alone.
+        length: how long the object's longest side is to become, in units of the result; None leaves it as it is seen.
     """
 
     images: Tensor
@@ -31,6 +32,7 @@ class ViewSet:
     known: tuple[Rectangle, ...] | None = None
     ground: float | None = None
     varying_exposure: bool = False
+    length: float | None = None
 
     def __post_init__(self) -> None:
         views = self.images.shape[0]

@@ -102,6 +102,14 @@ def test_a_scene_of_another_scale_gives_the_same_object_there(result, views):
     assert torch.allclose(extent, plain.amax(0) - plain.amin(0), rtol=0.15)
 
 
+def test_the_longest_side_is_as_long_as_is_asked_for(result, views):
+    asset, _ = pipeline.generate(replace(views, length=0.19), QUICK)
+    plain = result[0].mesh.vertices
+    sides, before = (vertices.amax(0) - vertices.amin(0) for vertices in (asset.mesh.vertices, plain))
+    assert float(sides.max()) == pytest.approx(0.19, rel=1e-5)
+    torch.testing.assert_close(sides / sides.max(), before / before.max(), rtol=1e-4, atol=1e-4)
+
+
 def test_one_view_is_enough(views):
     single = ViewSet(views.images[:1], views.cameras[:1], torch.ones(1), views.name)
     asset, report = pipeline.generate(single, QUICK)

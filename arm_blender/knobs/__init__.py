@@ -196,12 +196,13 @@ class ViewKnobs:
     """Where they come from: solved from photographs or a video, six known ones, or a file beside the pictures."""
     length: float | None = knob(
         None,
-        "metres of the object's longest side, kept in the report",
+        "metres of the object's longest side; the asset is made that long",
         Rule(lambda metres: 0.0 < metres <= 1e4, "give a positive length in metres, at most 10000"),
         letter="M",
         listed=True,
     )
-    """Photographs know no scale: the longest side of what they show is made 2 units."""
+    """Pictures know no scale: without it the asset is as large as its cameras say, 2 units where they were solved. A
+    mesh that is given keeps its size."""
     weights: tuple[float, ...] | None = knob(None, "how much each view counts", option="view-weights", listed=True)
     """One per view, before views that see nothing are skipped; 0 leaves one out. None takes transforms.json's, or 1."""
     multiview: ProviderName = knob("none", "of a single image: none, zero123plus (default: none)")

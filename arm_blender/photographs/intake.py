@@ -1,6 +1,7 @@
 """Views of whatever there is: as they are where they do, and made first where they are photographs or a video."""
 
 import tempfile
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -44,7 +45,7 @@ def load_views(
         ArmError: as there, as `read_capture`, `clean_views` and `solved_views`.
     """
     read = read_views(path, folder, options, solving, report, progress)
-    return view_set(read, path, options.weights, report.leave_out)
+    return replace(view_set(read, path, options.weights, report.leave_out), length=options.length)
 
 
 def read_views(
@@ -62,8 +63,6 @@ def read_views(
     """
     way = way_of(path, options.cameras_from)
     report.photographs = {"cameras": way.cameras, "why": way.why}
-    if options.length is not None:
-        report.photographs["metres_per_unit"] = options.length / 2.0
     if way.cameras != "solve" and not needs_cleaning(path):
         return views.read_views(path, options, progress, report.leave_out, report.note_mask)
     place = make_views(path, folder, options, solving, report, part(progress, 0.0, _MAKING))

@@ -42,6 +42,9 @@ def test_views_that_do_are_read_as_they_are(tmp_path):
     (ours, report), theirs = loaded(tmp_path / "cup", tmp_path / "views"), load_views(tmp_path / "cup")
     assert report.photographs["cameras"] == "file"
     assert torch.equal(ours.images, theirs.images) and not (tmp_path / "views").exists()
+    assert ours.length is None
+    known = intake.load_views(tmp_path / "cup", None, ViewOptions(length=0.19), SolvingOptions(), report)
+    assert known.length == 0.19
 
 
 def test_a_phone_capture_just_works(tmp_path):
