@@ -29,6 +29,10 @@ COMMANDS = {
     "presets": ("training.studies.presets", "count the parameters of every preset"),
     "paper-step": ("training.studies.paper_step", "count and run a training step at the paper's sizes"),
     "evaluate-masks": ("training.studies.captured_masks", "compare the masks of simulated captures with the truth"),
+    "evaluate-photographs": (
+        "training.studies.real_photographs",
+        "photographs of a real thing: its cameras beside published ones, and its asset",
+    ),
     "credits": ("training.studies.credits", "list the sources of the training objects"),
 }
 STAGES = {
@@ -38,6 +42,7 @@ STAGES = {
     "delighting": ("training.stages.delighting", "InstantAlbedo's sense of light, at points of GeoRM's shapes"),
     "instant-albedo": ("training.stages.instant_albedo", "InstantAlbedo: albedo and lighting-baked colour"),
     "cutout": ("training.stages.cutout", "what of a photograph is the object"),
+    "joint-cutout": ("training.stages.joint_cutout", "what of photographs whose cameras are known is the object"),
     "georm-volume": ("training.stages.georm_volume", "the paper's GeoRM, by rendering its density: its first stage"),
     "georm-surface": (
         "training.stages.georm_surface",

@@ -95,7 +95,8 @@ def test_every_command_is_known_and_reads_what_an_earlier_one_wrote(understood, 
 
 
 def test_every_stage_is_there_and_takes_fifty_steps(understood):
-    asked = [(words[2], understood(words)) for words in FITS.values()]
+    everything = fits([text for _, text in blocks("data")])  # Captures need its textures.
+    asked = [(words[2], understood(words)) for words in everything.values()]
     assert [stage for stage, _ in asked] == list(command.STAGES)
     # So a row of scalars.csv is the mean of the first ten steps, and one of the last ten.
     assert all((args.steps, args.log_every) == (50, 10) for _, args in asked)

@@ -117,7 +117,7 @@ def _sample(
         both = _window(_unit(item, _index(len(item.rgb) - 1, random)), size, random)
     if uniform(random) < 0.5:
         both = both.flip(-1)
-    return _developed(both[:3], random), both[3:]
+    return developed(both[:3], random), both[3:]
 
 
 def _unit(item: Scenes, k: int) -> Tensor:
@@ -205,7 +205,7 @@ def _cast_shadow(alpha: Tensor, random: torch.Generator) -> Tensor:
     return _blurred(grid_sample(alpha[None], grid, padding_mode="zeros", align_corners=False)[0], draw(0.4, 2.0))
 
 
-def _developed(srgb: Tensor, random: torch.Generator) -> Tensor:
+def developed(srgb: Tensor, random: torch.Generator) -> Tensor:
     """A picture (3, S, S) as another camera would have kept it: exposure, balance, contrast, blur, noise, JPEG."""
     draw = partial(uniform, random)
     linear = srgb.clamp(0.0, 1.0) ** 2.2

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -18,7 +19,8 @@ from torch.nn.functional import pad
 from arm_blender.errors import ArmError
 from arm_blender.graphics.cameras import Camera
 from arm_blender.graphics.color import bytes_from_unit, srgb_from_linear
-from arm_blender.photographs.agreement import agreed
+from arm_blender.photographs.masks.agreement import agreed
+from arm_blender.photographs.masks.joint_look import joint_masks
 from arm_blender.views.cutout import cut_out
 from arm_blender.views.image_io import read_image, write_png
 from arm_blender.views.masks import Unsure, doubt
@@ -26,8 +28,10 @@ from arm_blender.views.matting import matted_by_model
 from arm_blender.views.plain_background import plain_foreground
 from arm_blender.weight_files import checkpoints, matting_model
 
+from ..datasets.joint_samples import eye_of
 from ..documents import fill_block, markdown_table, paragraphs
 from ..picture_grid import grid
+from ..rendering.shards import read_mesh
 
 OURS = "small network"
 """As `foreground.WAYS` has it."""
@@ -75,20 +79,25 @@ def run(args: argparse.Namespace) -> int:
     ways, rows = known_ways(), []
     for folder in folders:
         scores: dict[str, list[Score]] = {name: [] for name in ways}
-        shown, alphas = list[Tensor](), list[Tensor]()
+        shown, alphas = list[tuple[Tensor, Tensor]](), list[Tensor]()
         for index, (path, image, truth) in enumerate(pictures(folder)):
             asked = ways if index % args.others_every == 0 else {OURS: ways[OURS]}
             found = {name: score(find, image, truth) for name, find in asked.items()}
             for name, (one, _) in found.items():
                 scores[name].append(one)
             alphas.append(found[OURS][1])
-            shown.append(_tile(image, truth, alphas[-1]))
+            shown.append((image, truth))
             print(path.name, *(f"{name} {one.iou:.3f}" for name, (one, _) in found.items()), sep="  ", flush=True)
-        scores |= compared(folder, alphas)
+        for name, (several, masks) in together(folder, alphas).items():
+            scores[name] = several
+            alphas = masks
         rows += [[folder.name, name, *_summary(several)] for name, several in scores.items() if several]
         if args.sheets is not None:
             args.sheets.mkdir(parents=True, exist_ok=True)
-            tiles = torch.cat(shown[:: max(1, len(shown) // _SHOWN)][:_SHOWN], dim=1)  # (3, P, 3, S, S)
+            every = max(1, len(shown) // _SHOWN)
+            tiles = torch.cat(
+                [_tile(*pair, alpha) for pair, alpha in list(zip(shown, alphas, strict=True))[::every][:_SHOWN]], dim=1
+            )  # (3, P, 3, S, S)
             sheet = torch.cat([grid(list(tiles), _SIDE), torch.ones(1, 3 * _SIDE, tiles.shape[1] * _SIDE)])
             write_png(args.sheets / f"{folder.name}.png", sheet, srgb=False)
     header = ["capture", "way", "pictures", "IoU", "lowest tenth", "bad", "of those doubted", "good but doubted", "s"]
@@ -107,36 +116,67 @@ def pictures(folder: Path) -> Iterator[tuple[Path, Tensor, Tensor]]:
             yield folder / entry["file"], read_image(folder / entry["file"]), truth
 
 
-def compared(folder: Path, alphas: list[Tensor]) -> dict[str, list[Score]]:
-    """The scores of a capture's masks that `agreement` has compared by the true cameras; what it drops is doubted.
+def together(folder: Path, alphas: list[Tensor]) -> dict[str, tuple[list[Score], list[Tensor]]]:
+    """The scores of a capture's masks after all pictures were looked at together, and after those were compared.
 
     Args:
-        folder: of the capture.
+        folder: of the capture; its true cameras are used, and the height at which the true mesh begins.
         alphas: (H, W) each, of its pictures in their order.
     Returns:
-        one way; none for a lens that bends, or where a picture does not show the object.
+        by way, the scores and the masks; what is dropped is doubted. None where a picture does not show the object, the
+        mesh is missing, or the network.
     """
     entries = json.loads((folder / "truth.json").read_text(encoding="utf-8"))["pictures"]
-    if any(entry.get("lens", {}).get("model") != "SIMPLE_PINHOLE" for entry in entries) or len(alphas) != len(entries):
+    if len(alphas) != len(entries) or not (folder / "mesh.npz").is_file():
         return {}
     started = time.perf_counter()
-    masks, cameras = [], []
-    for entry, alpha in zip(entries, alphas, strict=True):
-        height, width = alpha.shape
-        side, focal = max(height, width), entry["lens"]["parameters"][0]
-        left, top = (side - width) // 2, (side - height) // 2
-        masks.append(pad(alpha, (left, side - width - left, top, side - height - top)))
-        K = torch.tensor([[focal, 0.0, left + width / 2.0], [0.0, focal, top + height / 2.0], [0.0, 0.0, 1.0]])
-        cameras.append(Camera(torch.tensor(entry["c2w"], dtype=torch.float32), K, side, side))
-    found = agreed(torch.stack(masks)[:, None], cameras)
-    seconds = (time.perf_counter() - started) / len(entries)
+    eyes = [eye_of(torch.tensor(entry["c2w"], dtype=torch.float64), entry["lens"]) for entry in entries]
+    ground = float(read_mesh(folder / "mesh.npz").vertices[:, 2].min())
+    shown = list(pictures(folder))
+
+    def picture(view: int) -> Tensor:
+        return srgb_from_linear(shown[view][1][:3])
+
+    masks = joint_masks(picture, alphas, eyes, ground)
+    if masks is None:
+        return {}
+    looked = (time.perf_counter() - started) / len(entries)
+    found = {"all pictures together": (_scores(shown, masks, (), looked), masks)}
+    if all(entry["lens"]["model"] == "SIMPLE_PINHOLE" for entry in entries):
+        started = time.perf_counter()
+        squares = [_square(entry, mask) for entry, mask in zip(entries, masks, strict=True)]
+        held = agreed(
+            torch.stack([mask for mask, _ in squares])[:, None], [camera for _, camera in squares], ground=ground
+        )
+        masks = [_unsquared(mask[0], before) for mask, before in zip(held.masks, masks, strict=True)]
+        seconds = looked + (time.perf_counter() - started) / len(entries)
+        found["together and compared"] = (_scores(shown, masks, held.dropped, seconds), masks)
+    return found
+
+
+def _square(entry: dict[str, Any], mask: Tensor) -> tuple[Tensor, Camera]:
+    """A mask (H, W) in the middle of a square, and the camera of that."""
+    height, width = mask.shape
+    side, focal = max(height, width), entry["lens"]["parameters"][0]
+    left, top = (side - width) // 2, (side - height) // 2
+    K = torch.tensor([[focal, 0.0, left + width / 2.0], [0.0, focal, top + height / 2.0], [0.0, 0.0, 1.0]])
+    padded = pad(mask, (left, side - width - left, top, side - height - top))
+    return padded, Camera(torch.tensor(entry["c2w"], dtype=torch.float32), K, side, side)
+
+
+def _unsquared(mask: Tensor, like: Tensor) -> Tensor:
+    top, left = ((mask.shape[-1] - side) // 2 for side in like.shape)
+    return mask[top : top + like.shape[0], left : left + like.shape[1]]
+
+
+def _scores(
+    shown: list[tuple[Path, Tensor, Tensor]], masks: list[Tensor], dropped: tuple[int, ...], seconds: float
+) -> list[Score]:
     scores = []
-    for view, (_, image, truth) in enumerate(pictures(folder)):
-        top, left = ((found.masks.shape[-1] - side) // 2 for side in truth.shape)
-        mask = found.masks[view, 0, top : top + truth.shape[0], left : left + truth.shape[1]]
+    for view, ((_, image, truth), mask) in enumerate(zip(shown, masks, strict=True)):
         one = score(partial(_given, mask), image, truth)[0]
-        scores.append(Score(one.iou, view in found.dropped, seconds))
-    return {f"{OURS}, compared": scores}
+        scores.append(Score(one.iou, one.doubted or view in dropped, seconds))
+    return scores
 
 
 def _given(mask: Tensor, image: Tensor, truth: Tensor) -> Tensor:

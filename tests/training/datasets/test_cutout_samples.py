@@ -26,7 +26,7 @@ def folder(tmp_path):
 
 
 def test_the_mask_is_where_the_object_is_in_every_kind_of_sample(folder, monkeypatch):
-    monkeypatch.setattr(cutout_samples, "_developed", lambda srgb, random: srgb)  # Colours stay.
+    monkeypatch.setattr(cutout_samples, "developed", lambda srgb, random: srgb)  # Colours stay.
     random = torch.Generator().manual_seed(0)
     srgb, alpha = drawn(read_scenes(folder), 64, 80, random)
     assert srgb.shape == (80, 3, 64, 64) and alpha.shape == (80, 1, 64, 64)

@@ -12,7 +12,7 @@ from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.views.masks import Unsure
 from training.__main__ import main
 from training.studies import captured_masks
-from training.studies.captured_masks import compared, pictures, score
+from training.studies.captured_masks import pictures, score, together
 
 
 @pytest.fixture
@@ -73,7 +73,7 @@ def test_grabcut_finds_a_square_in_its_box(captures):
     assert score(captured_masks.by_grabcut, image, truth)[0].iou > 0.9
 
 
-def test_masks_of_a_capture_are_compared_by_its_cameras(tmp_path):
+def test_masks_of_a_capture_are_compared_by_its_cameras(tmp_path, monkeypatch):
     """A ball seen from twelve sides; to one mask something was added, which the eleven others take away."""
     folder, side = tmp_path / "ball-0", 96
     (folder / "images").mkdir(parents=True)
@@ -91,5 +91,9 @@ def test_masks_of_a_capture_are_compared_by_its_cameras(tmp_path):
         alphas.append(torch.from_numpy(ball).float())
     (folder / "truth.json").write_text(json.dumps({"pictures": told}))
     alphas[3][5:25, 5:25] = 1.0
-    (scores,) = compared(folder, alphas).values()
+    np.savez(folder / "mesh.npz", vertices=np.array([[0.0, 0.0, -0.5]]), faces=np.zeros((0, 3), np.int32))
+    monkeypatch.setattr(captured_masks, "joint_masks", lambda picture, alphas, eyes, ground: alphas)
+    found = together(folder, alphas)
+    (same, kept), (scores, _) = found["all pictures together"], found["together and compared"]
+    assert kept is alphas and same[3].iou < 0.8
     assert len(scores) == 12 and min(one.iou for one in scores) > 0.95 and not any(one.doubted for one in scores)

@@ -124,12 +124,12 @@ def camera_errors(solved: Mapping[str, NDArray[np.float64]], true: Mapping[str, 
     )
 
 
-def answer(photographs: Path, output: Path, quality: str) -> Answer:
-    """Run the program on a folder of photographs."""
+def answer(photographs: Path, output: Path, quality: str, *more: str) -> Answer:
+    """Run the program on a folder of photographs, with `more` words."""
     command = [sys.executable, "-m", "arm_blender", "generate", str(photographs), "--output", str(output)]
     began = time.perf_counter()
     with tempfile.TemporaryFile("w+", errors="replace") as said:
-        process = subprocess.Popen([*command, "--quality", quality], stdout=subprocess.DEVNULL, stderr=said)
+        process = subprocess.Popen([*command, "--quality", quality, *more], stdout=subprocess.DEVNULL, stderr=said)
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
         said.seek(0)
