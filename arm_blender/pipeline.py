@@ -66,7 +66,8 @@ def generate(
         mesh: of the user's, in the views' frame: it keeps its shape, and its UVs if it has them; only its appearance
             is made. None has the shape reconstructed.
     Returns:
-        The asset, in the cameras' frame, or scaled about its origin to `views.length`, and the report. Its name says where the weights were random.
+        The asset, in the cameras' frame or as long as `views.length` says, and the report. Its name says where the
+        weights were random.
     Raises:
         ArmError: the input does not do, weights are missing, the density has no surface, or no view sees `mesh`.
     """

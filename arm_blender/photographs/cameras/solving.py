@@ -1,7 +1,6 @@
 """Photographs without cameras to a capture: several attempts, from cheap to thorough, until one bears its own check."""
 
 import logging
-import math
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -40,9 +39,6 @@ _MASKED = 0.7
 
 _NEARLY_ALL = 0.9
 """Of the pictures, the share that has to have a camera for a good solution to be looked for no further."""
-
-_ANOTHER_SIZE = 0.2
-"""Change of an object's size, as a logarithm, from which on it has to be looked at once more."""
 
 _SECOND_GROUP = 0.25
 """Of the pictures, the share in a second solution that stands for a second thing."""
@@ -124,12 +120,11 @@ def solved(
         own = [by_name[name] for name in found.solution.names]
         stand = _stand(found, own, options.seed)
         for share in (part(progress, 0.85, 0.92), part(progress, 0.92, 0.99)):
-            before, own = stand, looked_at_again(own, colors, found.solution, stand, share)
-            # Better masks tell better how large the object is, where its ground is, and whether the cameras fit them.
+            own = looked_at_again(own, colors, found.solution, stand, share)
+            # Better masks tell better how large the object is, where its ground is, and whether the cameras fit them:
+            # with that, what the pictures say together is clearer still.
             found = _with_masks(found, own, len(copies))
             stand = _stand(found, own, options.seed)
-            if _is_alike(before, stand):
-                break
         capture = _capture(found.solution, stand, own, copies, folder, left_out)
     for copy in own:
         for way in copy.told:
@@ -214,13 +209,6 @@ def _stand(found: _Found, own: list[WorkingCopy], seed: int) -> Upright:
     if found.hull is not None:
         masks = [torch.zeros(copy.height, copy.width) if copy.mask is None else copy.mask for copy in own]
     return upright(found.solution, masks, found.hull, seed)
-
-
-def _is_alike(before: Upright, after: Upright) -> bool:
-    """Whether what was looked at first is what was found."""
-    if (before.ground is None) != (after.ground is None):
-        return False
-    return bool(abs(math.log(after.scale / before.scale)) < _ANOTHER_SIZE)
 
 
 def _why_not(found: _Found | None, copies: list[WorkingCopy]) -> str:
