@@ -112,7 +112,8 @@ def clean_views(
         if capture.solved:  # Only then the object is known to lie in the box.
             chosen = cleaning.compare(chosen, capture.ground, left_out, part(progress, 0.95, 1.0))
         cleaning.write(chosen, capture)
-        write_solved(capture, made)
+        sharp = {capture.photographs[index].path.name: one.sharpness for index, one in cleaning.candidates.items()}
+        write_solved(capture, made, sharp)
         for index in chosen:
             heard(capture.photographs[index].path.name, cleaning.made[index].way)
         for index, reason in sorted(cleaning.reasons.items()):

@@ -27,6 +27,10 @@ _BOX = 512
 """Pixels of the longer side that are enough to see where a mask lies that is given."""
 
 
+PAINTED = "painted mask"
+"""The way of a mask that the user has painted."""
+
+
 @dataclass(frozen=True)
 class PaintedMask:
     """A mask that the user has painted on an earlier view.
@@ -119,7 +123,7 @@ def cut_out(
     seen, known = undistorted(image, table, whole.K, whole.width, whole.height)
     progress(0.4, f"cutting out {name}")
     if painted is not None:
-        alpha, way = whole.of(read_mask(painted.path), painted.window), "painted mask"
+        alpha, way = whole.of(read_mask(painted.path), painted.window), PAINTED
     elif own:
         alpha, way = seen[3] * known, "alpha" if photograph.mask is None else photograph.mask_way
     else:

@@ -2,31 +2,84 @@
 
 import json
 import logging
+import shutil
 import tempfile
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from .. import views
-from ..errors import ArmError, InputImageError
+from ..errors import ArmError, CameraError, InputImageError, OutputError
 from ..knobs import CamerasName
 from ..machine.files import write_json
 from ..progress import Progress, part
 from ..views import LeaveOut
 from ..views.foreground import Heard, unheard
 from ..views.image_io import pictures_in
+from ..views.mask_files import FOLDER as MASKS
 from ..views.rigs import AZIMUTHS_DEG
 from ..views.transforms_json import TRANSFORMS
 from .cameras.solving import SolvingOptions, solved
+from .capture import Capture
 from .clean_views import CleaningOptions, clean_views
 from .colmap.model import model_folder
+from .cut_out import PAINTED
 from .pictures import looked_at, photographs_in
+from .solved import mask_name, solved_capture
 from .video import frames_of, is_video
 
 logger = logging.getLogger(__name__)
 
 KEPT = "cameras.json"
 """In a folder of views: of which pictures they are, and how far their cameras are to be trusted."""
+
+
+FOUND = "found-masks"
+"""In a folder of views: the masks that were found in the photographs, for views that are made anew."""
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What is kept beside views of solved cameras, for the next run and for whoever asks what became of a picture.
+
+    Attributes:
+        source: what the cameras depend on.
+        facts: how they were solved, and how far they are to be trusted.
+        left_out: what was not used, and why; of pictures their names.
+        found: of each picture its name and a way that its mask was found by, or a doubt about it (`DOUBTFUL`).
+        by_hand: the pictures whose mask was painted.
+        painted: the files of those masks, as they were.
+    """
+
+    source: dict[str, Any]
+    facts: dict[str, Any]
+    left_out: dict[str, str]
+    found: list[tuple[str, str]]
+    by_hand: list[str]
+    painted: dict[str, list[int]]
+
+    @property
+    def ways(self) -> list[tuple[str, str]]:
+        """How each picture was cut out in the end: what is said of a mask that was found does not count for another."""
+        found = [(name, way) for name, way in self.found if name not in self.by_hand]
+        return found + [(name, PAINTED) for name in self.by_hand]
+
+
+def read_kept(folder: Path) -> Kept:
+    """What is kept beside the views in `folder`.
+
+    Raises:
+        OSError, ValueError, TypeError, KeyError: nothing is, or it is damaged.
+    """
+    data = json.loads((folder / KEPT).read_text(encoding="utf-8"))
+    return Kept(
+        dict(data["source"]),
+        dict(data["facts"]),
+        dict(data["left_out"]),
+        [(str(name), str(way)) for name, way in data.get("found", ())],
+        list(data.get("by_hand", ())),
+        dict(data.get("painted", {})),
+    )
 
 
 @dataclass(frozen=True)
@@ -77,6 +130,8 @@ def solved_views(
 ) -> dict[str, Any]:
     """Writes the clean views of photographs whose cameras are solved; those of an earlier run are kept.
 
+    Where masks were painted since, or taken away, the views are made anew with the cameras that are kept.
+
     Args:
         path: a folder of photographs, or a video.
         folder: of the views.
@@ -92,26 +147,95 @@ def solved_views(
     if folder.resolve() == path.resolve():
         raise ArmError(f"{folder}: holds the pictures, and would be written over; choose another --output")
     source = _source(path, options)
-    kept = _kept(folder, source)
-    if kept is not None:
-        for name, reason in kept["left_out"].items():
-            left_out(name, reason)
-        return kept["facts"] | {"reused": True}
-    reasons: dict[str, str] = {}
-
-    def note(name: str, reason: str) -> None:
-        reasons[name] = reason
+    kept, painted = _kept(folder, source), _painted(folder)
+    if kept is not None and kept.painted != painted:
+        kept = _cleaned_anew(path, folder, kept, painted, progress)
+    reused = kept is not None
+    if kept is None:
+        kept = _solved(path, folder, source, painted, options, progress)
+    for name, way in kept.ways:
+        heard(name, way)
+    for name, reason in kept.left_out.items():
         left_out(name, reason)
+    return kept.facts | ({"reused": True} if reused else {})
 
+
+def _solved(
+    path: Path,
+    folder: Path,
+    source: dict[str, Any],
+    painted: dict[str, list[int]],
+    options: SolvingOptions,
+    progress: Progress,
+) -> Kept:
+    """The views of photographs whose cameras are solved, and the masks that were found, in `folder`."""
+    ways: list[tuple[str, str]] = []
     with tempfile.TemporaryDirectory(prefix="arm-photographs-") as name:
-        frames, masks = Path(name, "frames"), Path(name, "masks")
-        frames.mkdir()
+        masks = Path(name, "masks")
         masks.mkdir()
-        paths = frames_of(path, frames, part(progress, 0.0, 0.1)) if is_video(path) else photographs_in(path)
+        paths = _photographs(path, Path(name), part(progress, 0.0, 0.1))
+
+        def heard(picture: str, way: str) -> None:
+            ways.append((picture, way))
+
         found = solved(paths, path, masks, options, part(progress, 0.1, 0.75), heard)
-        clean_views(found.capture, folder, CleaningOptions(), part(progress, 0.75, 1.0), note)
-    write_json(folder / KEPT, {"source": source, "facts": found.facts, "left_out": reasons})
-    return found.facts
+        kept = Kept(source, found.facts, {}, ways, [], painted)
+        kept = _cleaned(found.capture, folder, kept, part(progress, 0.75, 1.0))
+        _keep_masks(found.capture, folder / FOUND)
+    write_json(folder / KEPT, asdict(kept))
+    return kept
+
+
+def _cleaned_anew(path: Path, folder: Path, kept: Kept, painted: dict[str, list[int]], progress: Progress) -> Kept:
+    """As `_solved`, with the cameras and the masks of an earlier run: other masks have been painted since."""
+    with tempfile.TemporaryDirectory(prefix="arm-photographs-") as name:
+        paths = _photographs(path, Path(name), part(progress, 0.0, 0.3))
+        try:
+            capture = solved_capture(folder, paths, folder / FOUND)
+        except CameraError as error:  # Of an earlier version: its views are read with the painted masks beside them.
+            logger.info("%s", error)
+            return kept
+        kept = _cleaned(capture, folder, replace(kept, painted=painted), part(progress, 0.3, 1.0))
+    write_json(folder / KEPT, asdict(kept))
+    return kept
+
+
+def _cleaned(capture: Capture, folder: Path, kept: Kept, progress: Progress) -> Kept:
+    """Writes the views; what is kept, with what was said of them."""
+    reasons: dict[str, str] = {}
+    by_hand: list[str] = []
+
+    def heard(picture: str, way: str) -> None:
+        if way == PAINTED:
+            by_hand.append(picture)
+
+    clean_views(capture, folder, CleaningOptions(), progress, reasons.__setitem__, heard)
+    return replace(kept, left_out=reasons, by_hand=by_hand)
+
+
+def _keep_masks(capture: Capture, folder: Path) -> None:
+    """Copies the masks that were found in the photographs into `folder`, in place of those of an earlier capture.
+
+    Raises:
+        OutputError: they cannot be written.
+    """
+    try:
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        for photograph in capture.photographs:
+            if photograph.mask is not None:
+                shutil.copyfile(photograph.mask, folder / mask_name(photograph.path.name))
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written ({error.strerror}); free space or change --output") from error
+
+
+def _photographs(path: Path, folder: Path, progress: Progress) -> list[Path]:
+    """The photographs at `path`; those of a video are written into a new folder in `folder`."""
+    if not is_video(path):
+        return photographs_in(path)
+    frames = folder / "frames"
+    frames.mkdir()
+    return frames_of(path, frames, progress)
 
 
 def has_cameras(path: Path) -> bool:
@@ -143,12 +267,18 @@ def _source(path: Path, options: SolvingOptions) -> dict[str, Any]:
     return {"seed": options.seed, "files": [[name, state.st_size, state.st_mtime_ns] for name, state in states]}
 
 
-def _kept(folder: Path, source: dict[str, Any]) -> dict[str, Any] | None:
+def _kept(folder: Path, source: dict[str, Any]) -> Kept | None:
     """What an earlier run wrote of the same pictures, where its views are still there."""
     try:
-        kept = json.loads((folder / KEPT).read_text(encoding="utf-8"))
+        kept = read_kept(folder)
         frames = json.loads((folder / TRANSFORMS).read_text(encoding="utf-8"))["frames"]
-        same = kept["source"] == source and all((folder / frame["file_path"]).is_file() for frame in frames)
-        return {"facts": dict(kept["facts"]), "left_out": dict(kept["left_out"])} if same else None
+        same = kept.source == source and all((folder / frame["file_path"]).is_file() for frame in frames)
+        return kept if same else None
     except (OSError, ValueError, KeyError, TypeError):
         return None
+
+
+def _painted(folder: Path) -> dict[str, list[int]]:
+    """Size and time of every mask that was painted on a view: another one asks for views made anew."""
+    states = {path.name: path.stat() for path in sorted((folder / MASKS).glob("*.png"))}
+    return {name: [state.st_size, state.st_mtime_ns] for name, state in states.items()}
