@@ -1,4 +1,4 @@
-"""Masks that lie beside pictures as files of their own: where other programs put them, and how they are read."""
+"""Masks that lie beside pictures as files of their own: where other programs put them, how they are read, and begun."""
 
 from pathlib import Path
 
@@ -6,12 +6,17 @@ import torch
 from torch import Tensor
 from torch.nn.functional import interpolate
 
-from ..errors import InputImageError
+from ..errors import InputImageError, OutputError
 from ..graphics.color import srgb_from_linear
-from .image_io import SUFFIXES, read_image
+from .foreground import Heard, foreground, unheard
+from .image_io import SUFFIXES, pictures_in, read_image, read_orientation, write_png
+from .preprocess import check_size
 
 FOLDER = "masks"
 """Of masks, beside the pictures or the folder of the pictures."""
+
+MASK_FILE = "mask file"
+"""The way of a mask that lies beside its picture."""
 
 _QUARTERS = {6: -1, 8: 1}
 """Quarter turns, counter-clockwise, that set a picture of that EXIF orientation upright."""
@@ -67,3 +72,51 @@ def with_mask(image: Tensor, mask: Path, orientation: int = 1) -> Tensor:
         mode = "area" if rows > height else "bilinear"
         alpha = interpolate(alpha[None, None], size=(height, width), mode=mode)[0, 0]
     return torch.cat([image[:3], alpha[None]])
+
+
+def read_cut_out(picture: Path, mask: Path | None, heard: Heard = unheard) -> Tensor:
+    """(4, H, W) linear of a picture, cut out by the mask of a file where there is one, else as by `foreground`.
+
+    Args:
+        heard: is told by which way.
+    Raises:
+        as `foreground` and `with_mask`.
+    """
+    image = read_image(picture)
+    if mask is None:
+        return foreground(image, picture, heard)
+    check_size(image, picture)
+    image = with_mask(image, mask, read_orientation(picture)[2])
+    heard(picture.name, MASK_FILE)
+    return image
+
+
+def mask_to_paint(picture: Path, root: Path) -> Path:
+    """The file to paint a picture's mask on: the one that counts already, else a new one in `masks/`, as it is found.
+
+    The new one is as large as the picture, white where the object is; black where no way finds one.
+
+    Args:
+        picture: inside `root`.
+        root: as for `mask_beside`.
+    Raises:
+        InputImageError: the picture cannot be read.
+        OutputError: the mask cannot be written.
+    """
+    there = mask_beside(picture, root)
+    if there is not None:
+        return there
+    image = read_image(picture)
+    try:
+        alpha = foreground(image, picture)[3:]
+    except InputImageError:
+        alpha = torch.zeros_like(image[3:])
+    place = root / FOLDER / (picture.relative_to(root) if picture.is_relative_to(root) else picture.name)
+    alone = sum(other.stem == picture.stem for other in pictures_in(picture.parent)) < 2
+    place = place.with_name(f"{picture.stem if alone else picture.name}.png")
+    try:
+        place.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{place.parent}: cannot be made ({error.strerror}); check its rights") from error
+    write_png(place, alpha, srgb=False)
+    return place

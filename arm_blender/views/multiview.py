@@ -10,9 +10,9 @@ from ..graphics.borders import Rectangle, scaled
 from ..graphics.cameras import Camera
 from ..progress import Progress
 from . import preprocess
-from .foreground import Heard, foreground, unheard
-from .image_io import pictures_in, read_image
-from .mask_files import with_mask
+from .foreground import Heard, unheard
+from .image_io import pictures_in
+from .mask_files import mask_beside, read_cut_out
 from .rigs import AZIMUTHS_DEG, front_camera, zero123plus_rig
 from .transforms_json import read_transforms
 
@@ -49,7 +49,7 @@ def view_alone(
         InputImageError: the picture does not do.
     """
     progress(0.0, f"reading {path.name}")
-    image, longest, known = preprocess.crop_single(foreground(read_image(path), path, heard), path)
+    image, longest, known = preprocess.crop_single(read_cut_out(path, mask_beside(path, path.parent), heard), path)
     elevation_deg = 10.0 if elevation_deg is None else elevation_deg
     fovy_deg = 30.0 if fovy_deg is None else fovy_deg
     return [View(path, image, front_camera(longest, image.shape[1], elevation_deg, fovy_deg), known=known)]
@@ -70,7 +70,8 @@ def views_of_rig(folder: Path, distance: float, fovy_deg: float | None, progress
     images = []
     for index, picture in enumerate(pictures):
         progress(index / len(pictures), f"reading {picture.name}")
-        images.append(preprocess.limit_size(foreground(read_image(picture), picture, heard), picture))
+        cut_out = read_cut_out(picture, mask_beside(picture, folder), heard)
+        images.append(preprocess.limit_size(cut_out, picture))
     height, width = images[0].shape[1:]
     if height != width:
         raise InputImageError(f"{pictures[0]}: {width}x{height} pixels; the rig's views are square, crop them so")
@@ -88,12 +89,7 @@ def posed_views(transforms: Path, progress: Progress, heard: Heard = unheard) ->
     frames = read_transforms(transforms)
     for index, frame in enumerate(frames):
         progress(index / len(frames), f"reading {frame.image.name}")
-        image = read_image(frame.image)
-        if frame.mask is None:
-            image = foreground(image, frame.image, heard)
-        else:
-            image = with_mask(image, frame.mask)
-            heard(frame.image.name, "mask file")
+        image = read_cut_out(frame.image, frame.mask, heard)
         camera = frame.camera(image.shape[2], image.shape[1])
         limited = preprocess.limit_size(image, frame.image)
         known = frame.known(image.shape[2], image.shape[1])

@@ -56,6 +56,19 @@ def test_one_picture_is_seen_from_the_front(six, alone):
     assert float(pixels[0, 1] - pixels[1, 1]) == pytest.approx(32.0, rel=1e-5)
 
 
+@pytest.mark.parametrize("alone", [True, False])
+def test_a_mask_beside_goes_before_the_alpha_of_one_picture_and_of_six(six, alone):
+    (six / "masks").mkdir()
+    painted = torch.zeros(1, SIZE, SIZE)
+    painted[:, 20:40, 10:50] = 1.0
+    write_png(six / "masks" / "0.png", painted, srgb=False)
+    heard: dict[str, str] = {}
+    views = load_views(six / "0.png" if alone else six, heard=heard.__setitem__)
+    assert heard["0.png"] == "mask file" and set(heard.values()) == ({"mask file"} if alone else {"mask file", "alpha"})
+    rows, columns = (torch.nonzero((views.images[0, 3] > 0.5).any(dim=dim)) for dim in (1, 0))
+    assert (len(rows), len(columns)) == (20, 40), "the painted rectangle, and not that of the alpha"
+
+
 def test_views_that_show_nothing_are_skipped_and_said(six):
     write_png(six / "3.png", picture(0.5, filled=False), srgb=True)
     notes = []

@@ -6,8 +6,11 @@ import torch
 from PIL import Image
 
 from arm_blender.errors import InputImageError
-from arm_blender.views.image_io import read_image, read_orientation
-from arm_blender.views.mask_files import read_mask, with_mask
+from arm_blender.views import mask_files
+from arm_blender.views.image_io import read_image, read_orientation, write_png
+from arm_blender.views.mask_files import mask_to_paint, read_mask, with_mask
+
+from ..pictures import SIZE, picture
 
 
 def test_a_grey_level_is_the_alpha_that_is_stored(tmp_path):
@@ -39,3 +42,35 @@ def test_a_mask_of_half_the_size_is_stretched_and_one_of_another_shape_named(tmp
     Image.fromarray(np.zeros((30, 30), np.uint8)).save(tmp_path / "square.png")
     with pytest.raises(InputImageError, match="square.png: 30x30 pixels for a picture of 60x40"):
         with_mask(image, tmp_path / "square.png")
+
+
+def test_a_mask_to_paint_on_is_the_alpha_and_one_that_counts_is_taken_again(tmp_path):
+    write_png(tmp_path / "cup.png", picture(), srgb=True)
+    place = mask_to_paint(tmp_path / "cup.png", tmp_path)
+    assert place == tmp_path / "masks" / "cup.png"
+    torch.testing.assert_close(read_mask(place), picture()[3])
+    other = tmp_path / "cup.mask.png"
+    Image.fromarray(np.full((SIZE, SIZE), 255, np.uint8)).save(other)
+    assert mask_to_paint(tmp_path / "cup.png", tmp_path) == other, "it would go before the one in masks/"
+
+
+def test_pictures_of_one_stem_have_masks_of_their_own(tmp_path):
+    for name in ("cup.png", "cup.tif"):
+        write_png(tmp_path / name, picture(), srgb=True)
+    assert [mask_to_paint(tmp_path / f"cup.{suffix}", tmp_path).name for suffix in ("png", "tif")] == [
+        "cup.png.png",
+        "cup.tif.png",
+    ]
+
+
+def test_where_no_object_is_found_the_mask_is_black(tmp_path, monkeypatch):
+    monkeypatch.setattr(mask_files, "foreground", unsure)
+    Image.fromarray(np.full((20, 30, 3), 99, np.uint8)).save(tmp_path / "fog.jpg")
+    place = mask_to_paint(tmp_path / "fog.jpg", tmp_path)
+    assert place.name == "fog.png" and torch.equal(read_mask(place), torch.zeros(20, 30))
+    with pytest.raises(InputImageError, match="gone.jpg"):
+        mask_to_paint(tmp_path / "gone.jpg", tmp_path)
+
+
+def unsure(image, path):
+    raise InputImageError("no foreground found")

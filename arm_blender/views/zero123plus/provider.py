@@ -5,8 +5,8 @@ from pathlib import Path
 from ...machine.threads import cpu_threads
 from ...progress import Progress, part
 from .. import preprocess
-from ..foreground import Heard, foreground, unheard
-from ..image_io import read_image
+from ..foreground import Heard, unheard
+from ..mask_files import mask_beside, read_cut_out
 from ..multiview import View, posed_views
 from ..rigs import AZIMUTHS_DEG, zero123plus_rig
 from ..transforms_json import TRANSFORMS
@@ -39,7 +39,7 @@ def drawn_views(
     check_model(config.model)
     seeds = _seeds(config)
     progress(0.0, f"reading {path.name}")
-    picture, _, _ = preprocess.crop_single(foreground(read_image(path), path, heard), path)
+    picture, _, _ = preprocess.crop_single(read_cut_out(path, mask_beside(path, path.parent), heard), path)
     progress(0.0, "Zero123++: reading the weights")
     networks = load_networks(config.model, config.device)
     with cpu_threads(config.threads):
