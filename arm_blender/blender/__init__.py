@@ -42,7 +42,15 @@ def _modules() -> tuple[ModuleType, ...]:
     """What is registered, in this order: an operator's module after that of the properties that it reads."""
     from . import cli
     from .asset import export_operator, view_switch
-    from .generate import draw_views_operator, operators, properties, recall, solve_cameras_operator
+    from .generate import (
+        draw_views_operator,
+        mask_operators,
+        operators,
+        photograph_rows,
+        properties,
+        recall,
+        solve_cameras_operator,
+    )
     from .generate import panel as panels
     from .input import operators as input_operators
     from .relight import operators as relight_operators
@@ -52,7 +60,7 @@ def _modules() -> tuple[ModuleType, ...]:
     from .setup import preferences, runtime
 
     setup = (preferences, runtime, setup_operators)
-    runs = (operators, input_operators, draw_views_operator, solve_cameras_operator)
-    making = (properties, view_switch, *setup, *runs, recall, panels)
+    runs = (operators, input_operators, draw_views_operator, solve_cameras_operator, mask_operators)
+    making = (properties, view_switch, *setup, *runs, recall, photograph_rows, panels)
     relighting = (relight_properties, relight_operators, export_operator, relight_panel)
     return (*making, *relighting, cli)

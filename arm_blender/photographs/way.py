@@ -238,6 +238,14 @@ def _photographs(path: Path, folder: Path, progress: Progress) -> list[Path]:
     return frames_of(path, frames, progress)
 
 
+def are_views_of(folder: Path, path: Path) -> bool:
+    """Whether the views in `folder` were made of the pictures at `path` as they are now."""
+    try:
+        return bool(read_kept(folder).source["files"] == _source(path, SolvingOptions())["files"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
 def has_cameras(path: Path) -> bool:
     """Whether what is at `path` comes with cameras of its own; else they are assumed, or solved."""
     return views.has_cameras(path) or (path.is_dir() and model_folder(path) is not None)

@@ -1,53 +1,28 @@
 """Views of solved cameras are kept: a painted mask has them made anew, and solves nothing."""
 
-from dataclasses import replace
-
 import pytest
 import torch
 
 from arm_blender.photographs import way
-from arm_blender.photographs.cameras.solving import Solved, SolvingOptions
-from arm_blender.photographs.cameras.trust import Trust
-from arm_blender.photographs.capture import Lens
+from arm_blender.photographs.cameras.solving import SolvingOptions
 from arm_blender.photographs.solved import SOLVED
 from arm_blender.progress import silent
-from arm_blender.report import DOUBTFUL, Report
+from arm_blender.report import Report
 from arm_blender.views import load_views
 from arm_blender.views.image_io import read_image, write_png
 
-from .ball import orbit, write_capture
-
-LENS = Lens("PINHOLE", (75.0, 75.0, 40.0, 30.0), 80, 60)
+from .quick_solver import photographs, solve_quickly
 
 
 @pytest.fixture
 def shoe(tmp_path):
-    """A folder of four photographs."""
-    write_capture(tmp_path / "shoe", orbit(4), LENS)
-    return tmp_path / "shoe"
+    return photographs(tmp_path / "shoe")
 
 
 @pytest.fixture
 def solutions(shoe, monkeypatch):
-    """How often cameras were solved; a stand-in for the solver, which is quick and right."""
-    asked: list[object] = []
-
-    def stand_in(paths, where, folder, options, progress, heard):
-        asked.append(where)
-        capture = write_capture(folder.parent / "again", orbit(4), LENS, masks=True)
-        posed = []
-        for one in capture.photographs[:3]:
-            mask = folder / one.path.name
-            mask.write_bytes(one.mask.read_bytes())
-            posed.append(replace(one, path=shoe / one.path.name, mask=mask))
-            heard(one.path.name, "small network")
-        heard("IMG_0001.png", f"{DOUBTFUL}it has several parts")
-        left_out = {"IMG_0003.png": "its camera could not be solved"}
-        found = replace(capture, photographs=tuple(posed), left_out=left_out, ground=-0.6, solved=True)
-        return Solved(found, Trust("good", (), {}), {"trust": "good", "doubts": []})
-
-    monkeypatch.setattr(way, "solved", stand_in)
-    return asked
+    """How often cameras were solved."""
+    return solve_quickly(monkeypatch, shoe)
 
 
 def made(shoe, folder) -> Report:

@@ -10,7 +10,7 @@ from bpy.props import StringProperty
 
 from ...errors import ArmError, Cancelled
 from ...progress import Progress
-from ..input import request
+from ..input import mask_painting, request, view_list
 from ..input.generation_request import GenerationRequest
 from ..job import Job
 from ..layout import redraw_sidebars
@@ -97,6 +97,7 @@ class Run:
         context.window_manager.arm.error = ""
         try:
             runtime.prepare()
+            mask_painting.save_painted()  # What is seen is what is used.
             wanted = self._wanted(context)
         except ArmError as error:
             self._fail(context, str(error))
@@ -206,6 +207,8 @@ class ARM_OT_generate(Run, bpy.types.Operator):
         from .results import add_result  # Imports torch, which the worker has loaded by now.
 
         created = add_result(context, made, self._request)
+        if context.scene.arm.views_kind == "photographs":
+            view_list.look_soon(context)  # By now it is known what became of each.
         return f"{created.name}: {len(created.data.polygons)} faces"
 
 

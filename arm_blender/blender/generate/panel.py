@@ -5,11 +5,12 @@ import bpy
 from ...asset_record import AssetRecord
 from ...errors import ArmError
 from ...quality_levels import PRESET, measured_levels
-from ..input import request, view_list
+from ..input import mask_painting, request, view_list
 from ..layout import InSidebar, draw_notice
 from ..setup import runtime
 from ..setup.stored import BASE_PACKAGE
 from .operators import is_running
+from .photograph_rows import draw_edit_mask, draw_photograph_rows
 
 _CHARACTER = 7.0
 """Pixels of a character of Blender's own font, about, at a scale of 1."""
@@ -122,9 +123,14 @@ def _draw_source(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
     elif listed and settings.views_kind == "photographs":
         _draw_photographs(layout, settings)
     elif listed and len(settings.views) == 1:
-        _draw_picture(layout)
+        _draw_picture(layout, context)
     elif listed:
-        _draw_views(layout, settings)
+        _draw_views(layout, context)
+    if listed:
+        draw_photograph_rows(layout, context, _line(context))
+    painted = mask_painting.unsaved()
+    if painted:
+        layout.operator("arm.use_masks", text=f"Use {len(painted)} Painted", icon="CHECKMARK")
     _draw_error(layout, context, state.views_error)
     if settings.source == "FILES" and listed and settings.views_kind == "picture":
         layout.prop(settings, "elevation")
@@ -152,11 +158,12 @@ def _draw_choice(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, 
     row.prop(settings, name, expand=True)
 
 
-def _draw_picture(layout: bpy.types.UILayout) -> None:
+def _draw_picture(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """A single picture and its foreground, large."""
     row = layout.row()
     for icon in view_list.icons(0):
         row.template_icon(icon_value=icon, scale=5.0)
+    _draw_edit_mask(layout, context, 0, "Edit Mask")
 
 
 def _draw_photographs(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
@@ -167,8 +174,20 @@ def _draw_photographs(layout: bpy.types.UILayout, settings: bpy.types.PropertyGr
         grid.template_icon(icon_value=view_list.icons(index)[0], scale=2.0)
 
 
-def _draw_views(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
-    """A line for each view: tick, picture, foreground, weight."""
+def _draw_edit_mask(layout: bpy.types.UILayout, context: bpy.types.Context, index: int, text: str = "") -> None:
+    """The button for the mask of a listed view, where that lies among the files that were chosen."""
+    settings, seen = context.scene.arm, view_list.found(context)
+    if seen is None or seen.folder is None or index >= len(seen.views):
+        return
+    picture, view = seen.views[index].path, settings.views[index]
+    if picture.is_relative_to(seen.folder):  # Views that were made for the moment are not.
+        told = f"Mask by {view.way}" if view.way else ""
+        draw_edit_mask(layout, picture, seen.folder, f"{told}; doubtful: {view.doubt}" if view.doubt else told, text)
+
+
+def _draw_views(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """A line for each view: tick, picture, foreground, weight, mask."""
+    settings = context.scene.arm
     column = layout.column(align=True)
     column.use_property_split = False
     for index, view in enumerate(settings.views):
@@ -182,6 +201,9 @@ def _draw_views(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -
             rest.prop(view, "weight", text=view.name)
         else:
             rest.label(text=f"{view.name}: shows nothing", icon="INFO")
+        if view.doubt:
+            row.label(icon="ERROR")
+        _draw_edit_mask(row, context, index)
 
 
 def _draw_own_mesh(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
@@ -226,11 +248,15 @@ def _draw_error(layout: bpy.types.UILayout, context: bpy.types.Context, message:
     """One message, as many lines as the sidebar needs for it."""
     if not message:
         return
-    scale = context.preferences.system.ui_scale
-    width = max(20, int(context.region.width / (_CHARACTER * scale)) - 6)
     box = layout.box()
     box.alert = True
-    draw_notice(box, message, width)
+    draw_notice(box, message, _line(context))
+
+
+def _line(context: bpy.types.Context) -> int:
+    """Characters that fit into the sidebar."""
+    scale = context.preferences.system.ui_scale
+    return max(20, int(context.region.width / (_CHARACTER * scale)) - 6)
 
 
 classes = (ARM_PT_generate, ARM_PT_advanced, ARM_PT_result)

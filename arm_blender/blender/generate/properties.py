@@ -1,7 +1,15 @@
 """What the user chooses, kept with the scene, and how the running job stands, kept with the window manager."""
 
 import bpy
-from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, PointerProperty, StringProperty
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
 
 from ..compat import BLEND_RELATIVE
 from ..input.callbacks import views_changed
@@ -21,6 +29,18 @@ class ARM_PG_view(bpy.types.PropertyGroup):
         soft_max=10.0,
     )
     sees: BoolProperty(default=True)
+    way: StringProperty(description="How it was cut out")
+    doubt: StringProperty(description="Why its mask may be wrong")
+
+
+class ARM_PG_photograph(bpy.types.PropertyGroup):
+    """What became of one photograph whose camera was looked for; `name` is that of its file."""
+
+    view: StringProperty(description="File of the view that was made of it; empty where none was")
+    registered: BoolProperty(description="Its camera is known")
+    doubtful: BoolProperty(description="Its mask may be wrong")
+    short: StringProperty(description="What a row has room for")
+    whole: StringProperty(description="All that is known of it")
 
 
 class ARM_PG_settings(bpy.types.PropertyGroup):
@@ -44,6 +64,8 @@ class ARM_PG_settings(bpy.types.PropertyGroup):
         update=views_changed,
     )
     views: CollectionProperty(type=ARM_PG_view)
+    photographs: CollectionProperty(type=ARM_PG_photograph)
+    photograph: IntProperty(name="Photograph", description="The one that is told of below the list", default=0)
     views_of: StringProperty(description="What the list of views was read from")
     views_kind: StringProperty(description="picture, rig, posed or photographs")
     multiview_model: StringProperty(
@@ -96,7 +118,7 @@ class ARM_PG_state(bpy.types.PropertyGroup):
     views_error: StringProperty(name="Error of the Views", options={"SKIP_SAVE"})
 
 
-classes = (ARM_PG_view, ARM_PG_settings, ARM_PG_state)
+classes = (ARM_PG_view, ARM_PG_photograph, ARM_PG_settings, ARM_PG_state)
 
 
 def register() -> None:

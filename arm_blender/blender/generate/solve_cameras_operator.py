@@ -11,7 +11,7 @@ from ...errors import ArmError
 from ...progress import Progress
 from ...report import Report
 from ..input import request
-from ..input.generation_request import GenerationRequest, solving_options, view_options
+from ..input.generation_request import GenerationRequest, solving_options, view_options, views_folder
 from .operators import Run
 
 
@@ -49,7 +49,7 @@ class ARM_OT_solve_cameras(Run, bpy.types.Operator):
         wanted = request.from_panel(context)
         if not isinstance(wanted.views, Path) or not wanted.views.exists():
             raise ArmError("Choose a folder of photographs, or a video, first")
-        self._folder = wanted.views.with_name(f"{wanted.views.stem}-views")
+        self._folder = views_folder(wanted.views)
         return wanted
 
     def _networks(self, wanted: GenerationRequest) -> str:

@@ -5,6 +5,7 @@ Nor is torch imported here: Blender's main thread imports this module when the e
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -109,6 +110,12 @@ def solving_options(request: GenerationRequest) -> SolvingOptions:
     return SolvingOptions(threads=request.threads, seed=request.seed)
 
 
+def views_folder(path: Path) -> Path:
+    """Where the views of photographs, or of a video, are made: beside them, so that another run finds them."""
+    name = path.name if path.is_dir() else path.stem
+    return path.with_name(f"{name}-views") if name else path / "views"  # The root of a disk has no name.
+
+
 def view_of_camera(picture: CameraPicture) -> View:
     """A picture of a camera as a view, cut out.
 
@@ -147,7 +154,9 @@ def read_views(request: GenerationRequest, progress: Progress, report: Report) -
     from ...views import view_set
 
     if isinstance(request.views, Path):
-        return load_views(request.views, None, view_options(request), solving_options(request), report, progress)
+        folder = views_folder(request.views)
+        place = folder if os.access(folder.parent, os.W_OK) else None  # A card of a camera may not be written.
+        return load_views(request.views, place, view_options(request), solving_options(request), report, progress)
     views = []
     for index, picture in enumerate(request.views):
         progress(index / len(request.views), f"reading {picture.name}")

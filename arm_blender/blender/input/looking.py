@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
+
+from .told_pictures import ToldPicture, told_pictures
 
 if TYPE_CHECKING:
     import numpy as np
@@ -35,6 +37,8 @@ class SeenView:
         camera: c2w (4, 4) and K (3, 3); None where it is still to be solved.
         size: width and height in pixels that K is for.
         path: of the picture.
+        way: how it was cut out; empty where that is nobody's business.
+        doubt: why its mask may be wrong; empty where nothing speaks against it.
     """
 
     name: str
@@ -45,14 +49,25 @@ class SeenView:
     camera: tuple[NDArray[np.float32], NDArray[np.float32]] | None
     size: tuple[int, int]
     path: Path
+    way: str = ""
+    doubt: str = ""
 
 
 @dataclass(frozen=True)
 class Look:
-    """What a look found."""
+    """What a look found.
+
+    Attributes:
+        kind: of the views.
+        views: or pictures, where they are not yet views.
+        told: what became of each photograph, where views were made of them.
+        folder: the one that the views are in, at whatever depth; None where there are no files of views.
+    """
 
     kind: Kind
     views: tuple[SeenView, ...]
+    told: tuple[ToldPicture, ...] = ()
+    folder: Path | None = None
 
 
 def look(request: GenerationRequest, progress: Progress) -> Look:
@@ -63,18 +78,22 @@ def look(request: GenerationRequest, progress: Progress) -> Look:
     """
     progress(0.0, "reading the views")
     from ...photographs.intake import read_views
-    from ...photographs.way import has_cameras, way_of
+    from ...photographs.way import are_views_of, has_cameras, way_of
     from ...report import Report
-    from .generation_request import solving_options, view_of_camera, view_options
+    from .generation_request import solving_options, view_of_camera, view_options, views_folder
 
     if not isinstance(request.views, Path):
         return Look("posed", tuple(_seen(view_of_camera(picture)) for picture in request.views))
     if way_of(request.views, request.cameras_from).cameras == "solve":
-        return Look("photographs", tuple(_photographs(request.views, progress)))
+        pictures, made = tuple(_photographs(request.views, progress)), views_folder(request.views)
+        told = told_pictures(made) if are_views_of(made, request.views) else ()
+        return Look("photographs", pictures, told, made if told else None)
     untold = Report(request.preset, request.device, request.seed)  # A run says what this only shows.
     views = read_views(request.views, None, view_options(request), solving_options(request), untold, progress)
     kind: Kind = "posed" if has_cameras(request.views) else "picture" if len(views) == 1 else "rig"
-    return Look(kind, tuple(_seen(view) for view in views))
+    folder = request.views if request.views.is_dir() else request.views.parent
+    told = told_pictures(folder) if kind == "posed" else ()
+    return Look(kind, tuple(_seen(view, untold.masks) for view in views), told, folder)
 
 
 def _photographs(path: Path, progress: Progress) -> Iterator[SeenView]:
@@ -93,12 +112,16 @@ def _photographs(path: Path, progress: Progress) -> Iterator[SeenView]:
         yield SeenView(file.name, picture, np.ones_like(picture), 1.0, True, None, (width, height), file)
 
 
-def _seen(view: View) -> SeenView:
+def _seen(view: View, masks: Mapping[str, Sequence[str]] | None = None) -> SeenView:
+    """A view as it is shown; `masks` are the names of pictures by the ways that they were cut out, and by doubts."""
     import torch
 
     from ...graphics.color import srgb_from_linear
+    from ...report import DOUBTFUL
     from ...views.masks import sees_something
 
+    ways = [way for way, names in (masks or {}).items() if view.path.name in names]
+    doubts = [way.removeprefix(DOUBTFUL) for way in ways if way.startswith(DOUBTFUL)]
     height, width = view.image.shape[1:]
     scale = min(1.0, SIDE / max(height, width))
     size = max(1, round(height * scale)), max(1, round(width * scale))
@@ -115,4 +138,6 @@ def _seen(view: View) -> SeenView:
         camera=(view.camera.c2w.numpy(), view.camera.K.numpy()),
         size=(view.camera.width, view.camera.height),
         path=view.path,
+        way=next((way for way in ways if not way.startswith(DOUBTFUL)), ""),
+        doubt="; ".join(doubts),
     )

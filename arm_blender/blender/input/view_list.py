@@ -132,13 +132,22 @@ def _fill(settings: bpy.types.PropertyGroup, seen: Look) -> None:
     known = settings.views_of == _key and len(settings.views) == len(seen.views)
     if not known:
         settings.views.clear()
+    told_of = {told.view: told for told in seen.told}
     for index, view in enumerate(seen.views):
+        told = told_of.get(view.name)
         item = settings.views[index] if known else settings.views.add()
         item.name, item.sees = view.name, view.sees
+        item.way, item.doubt = (view.way, view.doubt) if told is None else (told.way, told.doubt)
         if not known:
             item.use = view.weight > 0.0
             item.weight = view.weight or 1.0
     settings.views_of, settings.views_kind = _key, seen.kind
+    settings.photographs.clear()
+    for told in seen.told:
+        row = settings.photographs.add()
+        row.name, row.view, row.registered, row.doubtful = told.name, told.view, told.registered, bool(told.doubt)
+        row.short, row.whole = told.short, told.whole
+    settings.photograph = min(settings.photograph, max(0, len(seen.told) - 1))
 
 
 def _draw_thumbnails(seen: Look) -> None:

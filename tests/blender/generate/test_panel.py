@@ -13,7 +13,8 @@ from arm_blender.quality_levels import measured_levels
 
 bpy = pytest.importorskip("bpy")
 from arm_blender.blender.generate import panel as panels  # noqa: E402
-from arm_blender.blender.input import request  # noqa: E402
+from arm_blender.blender.input import request, view_list  # noqa: E402
+from arm_blender.blender.input.looking import Look  # noqa: E402
 
 pytestmark = pytest.mark.blender
 
@@ -29,7 +30,7 @@ class Layout:
     def _part(self, **options):
         return Layout(self.seen)
 
-    row = column = box = _part
+    row = column = box = split = grid_flow = _part
 
     def prop(self, data, name, **options):
         self.seen["prop"].append(name)
@@ -43,6 +44,9 @@ class Layout:
 
     def template_icon(self, icon_value, scale):
         self.seen["icon"].append(scale)
+
+    def template_list(self, kind, name, data, listed, *rest, **options):
+        self.seen["prop"].append(listed)
 
     def separator(self): ...
 
@@ -122,6 +126,21 @@ def test_a_view_that_shows_nothing_has_no_weight(settings):
     settings.views[1].sees = False
     seen = drawn()
     assert seen["prop"].count("weight") == 1 and "b.png: shows nothing" in seen["label"]
+
+
+def test_photographs_are_told_of_and_the_mask_of_the_chosen_one_is_offered(settings, monkeypatch):
+    listed(settings, "photographs", ["a.jpg", "b.jpg"])
+    assert "photographs" not in drawn()["prop"]
+    for name, view, whole in (("a.jpg", "a.png", "Mask by small network"), ("b.jpg", "", "No view: blurred")):
+        row = settings.photographs.add()
+        row.name, row.view, row.whole = name, view, whole
+    monkeypatch.setattr(view_list, "found", lambda context: Look("photographs", (), (), Path("cup-views")))
+    seen = drawn()
+    assert "photographs" in seen["prop"] and "1 of 2 photographs are views" in seen["label"]
+    assert "a.jpg: Mask by small network" in seen["label"] and "arm.edit_mask" in seen["operator"]
+    settings.photograph = 1
+    seen = drawn()
+    assert "b.jpg: No view: blurred" in seen["label"] and "arm.edit_mask" not in seen["operator"]
 
 
 def test_an_own_mesh_needs_no_faces_and_no_place(settings):
