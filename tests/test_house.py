@@ -221,6 +221,7 @@ def test_no_path_of_one_machine_is_written_down(module):
 
 LIGHT = ["arm_blender", "arm_blender.errors", "arm_blender.__main__", "training.__main__"]
 LIGHT += ["arm_blender.knobs", "arm_blender.asset_record"]  # Blender's main thread reads them.
+LIGHT += ["arm_blender.machine.picture_files"]  # Choosing files is no reason to wait.
 LIGHT += ["arm_blender.machine.library_install", "arm_blender.weight_files.folder"]  # Blender's preferences use them.
 LIGHT += ["arm_blender.commands.progress_line"]  # Shown before the seconds of importing torch are counted.
 

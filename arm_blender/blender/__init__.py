@@ -52,6 +52,7 @@ def _modules() -> tuple[ModuleType, ...]:
         solve_cameras_operator,
     )
     from .generate import panel as panels
+    from .input import choose_operator
     from .input import operators as input_operators
     from .relight import operators as relight_operators
     from .relight import panel as relight_panel
@@ -60,7 +61,7 @@ def _modules() -> tuple[ModuleType, ...]:
     from .setup import preferences, runtime
 
     setup = (preferences, runtime, setup_operators)
-    runs = (operators, input_operators, draw_views_operator, solve_cameras_operator, mask_operators)
+    runs = (operators, input_operators, choose_operator, draw_views_operator, solve_cameras_operator, mask_operators)
     making = (properties, view_switch, *setup, *runs, recall, photograph_rows, panels)
     relighting = (relight_properties, relight_operators, export_operator, relight_panel)
     return (*making, *relighting, cli)

@@ -114,8 +114,7 @@ def read_items(path: Path, output: Path) -> list[Item]:
 
 def _views_in(folder: Path, output: Path) -> list[Path]:
     """What may be views in a folder: its images and its sub-folders, by name; not the one that holds `output`."""
-    from ..photographs.video import is_video
-    from ..views.image_io import SUFFIXES
+    from ..machine.picture_files import SUFFIXES, is_video
 
     try:
         found = [

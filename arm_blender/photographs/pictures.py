@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
-from ..views.image_io import pictures_in
+from ..machine.picture_files import pictures_in
 from ..views.mask_files import mask_beside
 from ..views.pillow_io import open_picture
 

@@ -16,9 +16,6 @@ from .pictures import sharpness
 
 logger = logging.getLogger(__name__)
 
-SUFFIXES = (".mp4", ".mov", ".m4v")
-"""What counts as a video."""
-
 FRAMES = 40
 """Of a video, at most: nine degrees apart where it goes once around."""
 
@@ -30,11 +27,6 @@ _LOOKED_AT = 6
 
 _SIDE = 640
 """Pixels of the longer side at which sharpness is measured: noise and codecs have the rest."""
-
-
-def is_video(path: Path) -> bool:
-    """Whether a path is a video by its name."""
-    return path.suffix.lower() in SUFFIXES
 
 
 def frames_of(path: Path, folder: Path, progress: Progress) -> list[Path]:

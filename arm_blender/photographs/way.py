@@ -12,10 +12,10 @@ from .. import views
 from ..errors import ArmError, CameraError, InputImageError, OutputError
 from ..knobs import CamerasName
 from ..machine.files import write_json
+from ..machine.picture_files import is_video, pictures_in
 from ..progress import Progress, part
 from ..views import LeaveOut
 from ..views.foreground import Heard, unheard
-from ..views.image_io import pictures_in
 from ..views.mask_files import FOLDER as MASKS
 from ..views.rigs import AZIMUTHS_DEG
 from ..views.transforms_json import TRANSFORMS
@@ -26,7 +26,7 @@ from .colmap.model import model_folder
 from .cut_out import PAINTED
 from .pictures import looked_at, photographs_in
 from .solved import mask_name, solved_capture
-from .video import frames_of, is_video
+from .video import frames_of
 
 logger = logging.getLogger(__name__)
 

@@ -8,11 +8,11 @@ import torch
 
 from ..errors import ArmError, CameraError, InputImageError
 from ..knobs import ViewKnobs, check
+from ..machine.picture_files import pictures_in
 from ..progress import Progress, silent
 from ..structures import ViewSet
 from . import preprocess
 from .foreground import Heard, unheard
-from .image_io import pictures_in
 from .multiview import View, posed_views, view_alone, views_of_rig
 from .transforms_json import TRANSFORMS
 from .zero123plus.provider import drawn_views

@@ -15,13 +15,11 @@ from torch import Tensor
 from ..errors import InputImageError
 from ..graphics.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 from ..machine.files import whole_file
+from ..machine.picture_files import HEIF_SUFFIXES
 from ..machine.quiet import STDERR, silenced
-from .pillow_io import HEIF_SUFFIXES, decoded, open_picture, srgb_from_profile, transformed
+from .pillow_io import decoded, open_picture, srgb_from_profile, transformed
 
 logger = logging.getLogger(__name__)
-
-SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".webp", ".hdr", ".tif", ".tiff", *HEIF_SUFFIXES)
-"""What counts as a picture when a folder is listed."""
 
 MAXIMUM_SIDE = 8192
 """Pixels a side; larger pictures are refused before they are decoded."""
@@ -89,12 +87,6 @@ def read_orientation(path: Path) -> tuple[int, int, int]:
             return spec.width, spec.height, spec.get_int_attribute("Orientation", 1)
         finally:
             source.close()
-
-
-def pictures_in(folder: Path) -> list[Path]:
-    """The pictures of a folder, sorted by name; hidden files and sub-folders do not count."""
-    found = (path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and path.name[0] != ".")
-    return sorted(path for path in found if path.is_file())
 
 
 def write_png(path: Path, image: Tensor, srgb: bool) -> None:

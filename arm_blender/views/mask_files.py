@@ -8,8 +8,9 @@ from torch.nn.functional import interpolate
 
 from ..errors import InputImageError, OutputError
 from ..graphics.color import srgb_from_linear
+from ..machine.picture_files import SUFFIXES, pictures_in
 from .foreground import Heard, foreground, unheard
-from .image_io import SUFFIXES, pictures_in, read_image, read_orientation, write_png
+from .image_io import read_image, read_orientation, write_png
 from .preprocess import check_size
 
 FOLDER = "masks"

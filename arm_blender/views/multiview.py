@@ -8,10 +8,10 @@ from torch import Tensor
 from ..errors import InputImageError
 from ..graphics.borders import Rectangle, scaled
 from ..graphics.cameras import Camera
+from ..machine.picture_files import pictures_in
 from ..progress import Progress
 from . import preprocess
 from .foreground import Heard, unheard
-from .image_io import pictures_in
 from .mask_files import mask_beside, read_cut_out
 from .rigs import AZIMUTHS_DEG, front_camera, zero123plus_rig
 from .transforms_json import read_transforms

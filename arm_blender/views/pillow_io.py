@@ -10,11 +10,9 @@ from PIL import Image, ImageCms, ImageOps
 
 from ..errors import InputImageError
 from ..machine.libraries import is_there
+from ..machine.picture_files import HEIF_SUFFIXES
 
 logger = logging.getLogger(__name__)
-
-HEIF_SUFFIXES = (".heic", ".heif")
-"""Pictures of phones that need the library pillow-heif."""
 
 _SAME = 2
 """Levels of 255 by which a profile may move colours and is still taken for sRGB."""

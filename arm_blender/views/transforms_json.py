@@ -18,7 +18,7 @@ from torch import Tensor
 from ..errors import CameraError, InputImageError
 from ..graphics.cameras import Camera
 from ..machine.files import write_json
-from .image_io import SUFFIXES
+from ..machine.picture_files import SUFFIXES
 from .mask_files import mask_beside
 from .posed_frame import LARGEST, PosedFrame, number
 

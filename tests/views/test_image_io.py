@@ -13,7 +13,8 @@ from PIL import Image
 
 from arm_blender.errors import InputImageError, OutputError
 from arm_blender.graphics.color import linear_from_srgb, srgb_from_linear
-from arm_blender.views.image_io import MAXIMUM_SIDE, pictures_in, read_image, write_png
+from arm_blender.machine.picture_files import pictures_in
+from arm_blender.views.image_io import MAXIMUM_SIDE, read_image, write_png
 
 
 @pytest.fixture

@@ -1,5 +1,7 @@
 """The "ARM" tab of the 3D view's sidebar."""
 
+from pathlib import Path
+
 import bpy
 
 from ...asset_record import AssetRecord
@@ -118,6 +120,8 @@ def _draw_source(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
         row.label(text="Cameras with background images", icon="VIEW_CAMERA")
         listed = settings.views_of == request.cameras_key(context)
     row.operator("arm.look", text="", icon="FILE_REFRESH")
+    if settings.source == "FILES":
+        layout.operator("arm.choose_photographs", text="Photographs...", icon="FILE_IMAGE")
     if view_list.is_looking():
         layout.label(text="Reading the views", icon="SORTTIME")
     elif listed and settings.views_kind == "photographs":
@@ -168,7 +172,8 @@ def _draw_picture(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
 
 def _draw_photographs(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
     """The pictures, several in a row: there are many, and nothing is known of them yet."""
-    layout.label(text=f"{len(settings.views)} photographs" if settings.views else "A video")
+    name = Path(bpy.path.abspath(settings.views_path)).name
+    layout.label(text=f"{len(settings.views)} photographs in {name}" if settings.views else f"The video {name}")
     grid = layout.grid_flow(row_major=True, columns=6, even_columns=True, align=True)
     for index in range(len(settings.views)):
         grid.template_icon(icon_value=view_list.icons(index)[0], scale=2.0)

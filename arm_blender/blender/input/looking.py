@@ -100,8 +100,8 @@ def _photographs(path: Path, progress: Progress) -> Iterator[SeenView]:
     """The photographs of a folder as they are: nothing is cut out before their cameras are solved. None of a video."""
     import numpy as np
 
+    from ...machine.picture_files import is_video
     from ...photographs.pictures import photographs_in
-    from ...photographs.video import is_video
     from ...views.pillow_io import reduced
 
     files = [] if is_video(path) else photographs_in(path)
