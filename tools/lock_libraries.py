@@ -19,6 +19,7 @@ LOCKS = ROOT / "arm_blender" / "locks"
 EXTRAS = {
     "torch-gpu": ("torch=={torch}",),
     "photos": ("pycolmap==4.2.1", "pillow-heif==1.8.1", "av==18.1.0"),
+    "matting": ("onnxruntime==1.32.0",),
     "multiview": ("diffusers==0.42.1", "transformers==5.23.0", "onnxruntime==1.32.0"),
 }
 """What each button asks pip for."""
@@ -33,7 +34,7 @@ WINDOWS = ["colorama"]
 """What the libraries ask for there and nowhere else."""
 
 BROUGHT = {"numpy", "torch", "pillow", "safetensors"}
-"""Never in the lists of `multiview` and `photos`."""
+"""Never in the lists of the other extras."""
 
 
 def main() -> int:

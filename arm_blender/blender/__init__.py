@@ -45,6 +45,7 @@ def _modules() -> tuple[ModuleType, ...]:
     from .generate import (
         draw_views_operator,
         mask_operators,
+        matting_operator,
         operators,
         photograph_rows,
         properties,
@@ -62,6 +63,7 @@ def _modules() -> tuple[ModuleType, ...]:
 
     setup = (preferences, runtime, setup_operators)
     runs = (operators, input_operators, choose_operator, draw_views_operator, solve_cameras_operator, mask_operators)
+    runs = (*runs, matting_operator)
     making = (properties, view_switch, *setup, *runs, recall, photograph_rows, panels)
     relighting = (relight_properties, relight_operators, export_operator, relight_panel)
     return (*making, *relighting, cli)

@@ -29,6 +29,9 @@ MULTIVIEW = {"diffusers": "diffusers", "transformers": "transformers"}
 PHOTOS = {"pycolmap": "pycolmap", "pillow-heif": "pillow_heif", "av": "av"}
 """What photographs without cameras, HEIC and videos need besides."""
 
+MATTING = {"onnxruntime": "onnxruntime"}
+"""What a network that cuts out the object of a photograph, brought by the user, needs besides."""
+
 
 def missing(packages: dict[str, str]) -> list[str]:
     """The packages whose modules are not found; nothing is imported."""

@@ -98,6 +98,7 @@ def test_a_list_pins_every_wheel_by_its_hash_and_never_numpy(lock):
     wanted, fewest = {
         "torch": ({"torch"}, 20),
         "photos": (set(libraries.PHOTOS), 3),
+        "matting": ({"onnxruntime"}, 3),
         "multiview": ({"diffusers", "transformers", "tokenizers", "onnxruntime"}, 20),
     }[extra]
     assert wanted <= set(names) and len(names) >= fewest and ("torch" in names) == lock.stem.startswith("torch")
@@ -115,6 +116,6 @@ def test_the_lists_and_the_zip_have_the_versions_that_the_tests_run_with():
     assert bundled == {name: pins[name] for name in bundled}
     assert set(bundled) | {"numpy"} == {name.lower() for name in libraries.REQUIRED}
     for lock in LOCKS:
-        for name in ("torch", "diffusers", "transformers"):
+        for name in ("torch", "diffusers", "transformers", "onnxruntime"):
             pinned = re.search(rf"^{name}==(\S+) ", lock.read_text(encoding="utf-8"), re.MULTILINE)
             assert pinned is None or pinned[1] == pins[name], f"{lock.name}: {name}"

@@ -9,8 +9,9 @@ from ...errors import ArmError
 from ...quality_levels import PRESET, measured_levels
 from ..input import mask_painting, request, view_list
 from ..layout import InSidebar, draw_notice
-from ..setup import runtime
+from ..setup import background, runtime
 from ..setup.stored import BASE_PACKAGE
+from .matting_operator import wants_matting
 from .operators import is_running
 from .photograph_rows import draw_edit_mask, draw_photograph_rows
 
@@ -29,6 +30,7 @@ class ARM_PT_generate(InSidebar, bpy.types.Panel):
         if missing:
             _draw_error(self.layout, context, missing)
             self.layout.operator("preferences.addon_show", text="Open the Preferences").module = BASE_PACKAGE
+        _draw_setup(self.layout, context)
         options = self.layout.column()
         options.enabled = not is_running()
         options.use_property_split = True
@@ -155,6 +157,17 @@ def _draw_source(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
         layout.operator("arm.add_cameras", text="Add Cameras of the Views", icon="OUTLINER_OB_CAMERA")
 
 
+def _draw_setup(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """What is being installed, or why it was not."""
+    running = background.progress()
+    if running is not None:
+        row = layout.row(align=True)
+        row.progress(factor=running[0], text=running[1])
+        row.operator("arm.cancel_setup", text="", icon="X")
+    else:
+        _draw_error(layout, context, background.error())
+
+
 def _draw_choice(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, name: str) -> None:
     """Alternatives side by side, without a label that would leave them no room."""
     row = layout.row()
@@ -256,6 +269,9 @@ def _draw_error(layout: bpy.types.UILayout, context: bpy.types.Context, message:
     box = layout.box()
     box.alert = True
     draw_notice(box, message, _line(context))
+    if wants_matting(message) and not runtime.has_matting():
+        box.alert = False
+        box.operator("arm.get_matting_model", icon="IMPORT")
 
 
 def _line(context: bpy.types.Context) -> int:

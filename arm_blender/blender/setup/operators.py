@@ -25,6 +25,7 @@ EXTRAS = EnumProperty(
     items=(
         (runtime.TORCH, "PyTorch (GPU)", "PyTorch with CUDA"),
         (runtime.PHOTOS, "Photographs", "pycolmap, pillow-heif and PyAV"),
+        (runtime.MATTING, "Matting Model", "onnxruntime"),
         (runtime.MULTIVIEW, "Six Views from One Picture", "diffusers, transformers and what they need"),
     ),
     options={"SKIP_SAVE"},
@@ -47,7 +48,9 @@ def weights() -> tuple[WeightsRow, ...] | None:
     return _weights
 
 
-class _WhileIdle:
+class WhileIdle:
+    """An operator that waits until no other work of the preferences is going on."""
+
     # Of `bpy.types.Operator`, which every operator that takes this in is besides.
     poll_message_set: ClassVar[Callable[[str], None]]
     report: Callable[[set[str], str], None]
@@ -77,7 +80,9 @@ class _WhileIdle:
         return {"FINISHED"}
 
 
-class _WhileOnline(_WhileIdle):
+class WhileOnline(WhileIdle):
+    """As `WhileIdle`, where Blender may go online."""
+
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         if not bpy.app.online_access:
@@ -86,7 +91,7 @@ class _WhileOnline(_WhileIdle):
         return super().poll(context)
 
 
-class ARM_OT_install_libraries(_WhileOnline, bpy.types.Operator):
+class ARM_OT_install_libraries(WhileOnline, bpy.types.Operator):
     """Download libraries from the Python package index into the extension's own folder; each file's hash is checked"""
 
     bl_idname = "arm.install_libraries"
@@ -109,7 +114,7 @@ class ARM_OT_install_libraries(_WhileOnline, bpy.types.Operator):
         return self._concluded()
 
 
-class ARM_OT_remove_libraries(_WhileIdle, bpy.types.Operator):
+class ARM_OT_remove_libraries(WhileIdle, bpy.types.Operator):
     """Delete the libraries that the button installed"""
 
     bl_idname = "arm.remove_libraries"
@@ -133,7 +138,7 @@ class ARM_OT_remove_libraries(_WhileIdle, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class ARM_OT_list_weights(_WhileIdle, bpy.types.Operator):
+class ARM_OT_list_weights(WhileIdle, bpy.types.Operator):
     """Show the networks' weights: what there is, whether it is whole, under which licence, and what it enables"""
 
     bl_idname = "arm.list_weights"
@@ -143,7 +148,7 @@ class ARM_OT_list_weights(_WhileIdle, bpy.types.Operator):
         return self._listed(_read_weights)
 
 
-class ARM_OT_import_weights(_WhileIdle, bpy.types.Operator):
+class ARM_OT_import_weights(WhileIdle, bpy.types.Operator):
     """Convert weights of another project that you have downloaded; code in the file is never run"""
 
     bl_idname = "arm.import_weights"
@@ -183,7 +188,7 @@ class ARM_OT_import_weights(_WhileIdle, bpy.types.Operator):
         return self._listed(work)
 
 
-class ARM_OT_download_weights(_WhileOnline, bpy.types.Operator):
+class ARM_OT_download_weights(WhileOnline, bpy.types.Operator):
     """Download weights from those who publish them; what has arrived when it is stopped is gone on with"""
 
     bl_idname = "arm.download_weights"

@@ -24,6 +24,7 @@ def draw_setup(layout: bpy.types.UILayout, chosen: bpy.types.AddonPreferences) -
     layout.prop(chosen, "threads")
     _draw_torch(layout.box(), chosen)
     _draw_photos(layout.box())
+    _draw_matting(layout.box())
     _draw_multiview(layout.box(), chosen)
     folders = layout.box()
     for kind in ("weights", "cache"):
@@ -58,6 +59,17 @@ def _draw_photos(box: bpy.types.UILayout) -> None:
     else:
         box.label(text="The libraries are there", icon="CHECKMARK")
     _draw_install(box, runtime.PHOTOS, "Install Libraries")
+
+
+def _draw_matting(box: bpy.types.UILayout) -> None:
+    box.label(text="Objects of photographs cut out by a larger network")
+    if runtime.has_matting():
+        box.label(text="The matting model is there", icon="CHECKMARK")
+    else:
+        box.label(text="No matting model, or nothing to run it; what ships cuts out as well", icon="INFO")
+        box.operator("arm.get_matting_model", icon="IMPORT")
+    if runtime.installed(runtime.MATTING) is not None:
+        _draw_install(box, runtime.MATTING, "Install Libraries")
 
 
 def _draw_multiview(box: bpy.types.UILayout, chosen: bpy.types.AddonPreferences) -> None:

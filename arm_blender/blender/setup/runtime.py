@@ -13,13 +13,14 @@ from ...weight_files import folder as weights_folder
 from ..compat import find_bundled_libraries
 from .stored import preferences, user_folder
 
-TORCH, MULTIVIEW, PHOTOS = "torch-gpu", "multiview", "photos"
+TORCH, MULTIVIEW, PHOTOS, MATTING = "torch-gpu", "multiview", "photos", "matting"
 """What can be installed from the preferences, by the name of its list."""
 
 MODULES = {
     TORCH: ("torch",),
     MULTIVIEW: tuple(libraries.MULTIVIEW.values()),
     PHOTOS: tuple(libraries.PHOTOS.values()),
+    MATTING: tuple(libraries.MATTING.values()),
 }
 """What has to lie in the folder of each."""
 
@@ -109,6 +110,14 @@ def installed(extra: str) -> Path | None:
         return None
     folder = folder_of(lock, user_folder("libraries"))
     return folder if folder.is_dir() else None
+
+
+def has_matting() -> bool:
+    """A matting model is there, and what it runs on. Cheap enough for a panel: nothing is imported."""
+    brought = _given_weights or ("" if preferences() is None else str(user_folder("weights")))
+    place = Path(brought) if brought else weights_folder.folder_of(MATTING)
+    runs = not libraries.missing(libraries.MATTING) or folder_for(MATTING) is not None
+    return runs and (place / f"{MATTING}.onnx").is_file()
 
 
 def needs_restart() -> bool:

@@ -15,6 +15,7 @@ bpy = pytest.importorskip("bpy")
 from arm_blender.blender.generate import panel as panels  # noqa: E402
 from arm_blender.blender.input import request, view_list  # noqa: E402
 from arm_blender.blender.input.looking import Look  # noqa: E402
+from arm_blender.blender.setup import background, runtime  # noqa: E402
 
 pytestmark = pytest.mark.blender
 
@@ -38,6 +39,8 @@ class Layout:
     def operator(self, name, **options):
         self.seen["operator"].append(name)
         return types.SimpleNamespace()
+
+    def progress(self, **options): ...
 
     def label(self, text="", **options):
         self.seen["label"].append(text)
@@ -178,6 +181,21 @@ def test_a_long_error_is_shown_whole(settings):
     labels = drawn()["label"]
     assert all(len(line) < 45 for line in labels)
     assert message.replace(" ", "") in "".join(labels).replace(" ", "")
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_an_error_that_a_matting_model_would_mend_has_it_as_a_button(settings, monkeypatch, there):
+    monkeypatch.setattr(runtime, "has_matting", lambda: there)
+    state = bpy.context.window_manager.arm
+    state.error = "cup.png: no foreground found (no matting model is there); or get a matting model: weights"
+    assert ("arm.get_matting_model" in drawn()["operator"]) is not there
+    state.error = "cup.png: not a readable picture"
+    assert "arm.get_matting_model" not in drawn()["operator"]
+
+
+def test_what_is_being_installed_is_shown_and_can_be_stopped(settings, monkeypatch):
+    monkeypatch.setattr(background, "progress", lambda: (0.5, "half of it"))
+    assert "arm.cancel_setup" in drawn()["operator"]
 
 
 def test_a_result_is_described_and_recalled_and_made_anew_where_its_views_are_known(settings, asset):

@@ -14,6 +14,7 @@ from arm_blender.weight_files import folder as weights_folder
 from arm_blender.weight_files import install as weights_install
 
 bpy = pytest.importorskip("bpy")
+from arm_blender.blender.generate import matting_operator  # noqa: E402
 from arm_blender.blender.setup import background, runtime  # noqa: E402
 from arm_blender.blender.setup import operators as setup_operators  # noqa: E402
 from arm_blender.blender.setup import panel as setup_layout  # noqa: E402
@@ -234,6 +235,42 @@ def test_weights_come_at_the_press_of_a_button(chosen, online, monkeypatch):
     assert drawn(chosen).operators.count("arm.download_weights") == sum(bool(row.entry.download) for row in rows) > 2
     assert bpy.ops.arm.download_weights(name="matting") == {"FINISHED"}
     assert asked == ["matting"]
+
+
+def test_a_matting_model_comes_with_what_runs_it(chosen, online, monkeypatch, tmp_path):
+    done = []
+
+    def install(asked, parent, progress, cache):
+        folder = library_install.folder_of(asked, parent)
+        (folder / "onnxruntime").mkdir(parents=True)
+        done.append(asked.name.partition("-")[0])
+        return folder
+
+    def download(name, progress):
+        assert any(Path(place).name.startswith("matting-") for place in sys.path), "it is opened to be checked"
+        (tmp_path / "weights").mkdir()
+        (tmp_path / "weights" / "matting.onnx").touch()
+        done.append(name)
+
+    monkeypatch.setattr(matting_operator, "user_folder", lambda kind: tmp_path / kind)
+    monkeypatch.setattr(runtime, "_given_weights", None)
+    monkeypatch.setattr(library_install, "install", install)
+    monkeypatch.setattr(weights_install, "download", download)
+    without(monkeypatch, "onnxruntime")
+    assert not runtime.has_matting() and "arm.get_matting_model" in drawn(chosen).operators
+    assert bpy.ops.arm.get_matting_model() == {"FINISHED"}
+    assert done == ["matting", "matting"] and runtime.has_matting()
+    assert "The matting model is there" in drawn(chosen).texts
+    without(monkeypatch)
+    done.clear()
+    (tmp_path / "weights" / "matting.onnx").unlink()
+    (tmp_path / "weights").rmdir()
+    assert bpy.ops.arm.get_matting_model() == {"FINISHED"} and done == ["matting"], "onnxruntime was there already"
+
+
+def test_no_matting_model_is_downloaded_while_blender_is_offline(chosen):
+    with pytest.raises(RuntimeError, match="poll"):
+        bpy.ops.arm.get_matting_model()
 
 
 def test_work_that_is_going_on_is_shown(chosen, monkeypatch):
