@@ -62,8 +62,8 @@ def _modules() -> tuple[ModuleType, ...]:
     from .setup import preferences, runtime
 
     setup = (preferences, runtime, setup_operators)
-    runs = (operators, input_operators, choose_operator, draw_views_operator, solve_cameras_operator, mask_operators)
-    runs = (*runs, matting_operator)
-    making = (properties, view_switch, *setup, *runs, recall, photograph_rows, panels)
+    photographs = (choose_operator, solve_cameras_operator, mask_operators, matting_operator, photograph_rows)
+    runs = (operators, input_operators, draw_views_operator, *photographs)
+    making = (properties, view_switch, *setup, *runs, recall, panels)
     relighting = (relight_properties, relight_operators, export_operator, relight_panel)
     return (*making, *relighting, cli)
