@@ -24,8 +24,8 @@ PACKAGES = (
 )
 """Without OpenBLAS, Debian's PyTorch multiplies matrices with the reference BLAS, many times slower."""
 
-WHEELS = ("pillow", "fast-simplification", "xatlas")
-"""What Debian lacks, or has too old, as pinned in requirements.txt."""
+WHEELS = ("pillow", "fast-simplification", "xatlas", "pycolmap")
+"""What Debian lacks, or has too old, as pinned in requirements.txt and requirements-dev.txt."""
 
 PYTHON = "3.13"
 SITE = Path("usr/local/lib/python3.13/dist-packages")
@@ -50,8 +50,12 @@ def make(folder: Path) -> None:
     """
     if os.geteuid() != 0 or not sys.platform.startswith("linux"):
         raise Failed("a window needs a Linux and root rights (chroot, unshare); run make test-ui as root")
-    if (folder / ".whole").is_file():
-        return
+    if not (folder / ".whole").is_file():
+        _fill(folder)
+    _bring_wheels(folder)
+
+
+def _fill(folder: Path) -> None:
     if shutil.which("debootstrap") is None:
         raise Failed("debootstrap: missing; apt-get install debootstrap")
     shutil.rmtree(folder, ignore_errors=True)
@@ -61,11 +65,20 @@ def make(folder: Path) -> None:
     shutil.copy("/etc/resolv.conf", folder / "etc")
     chroot = ["chroot", folder, "env", "DEBIAN_FRONTEND=noninteractive", "apt-get", "-qq"]
     _run([*chroot, "install", "-y", "--no-install-recommends", *PACKAGES])
-    pins = (ROOT / "requirements.txt").read_text(encoding="utf-8").splitlines()
-    wheels = [pin for pin in pins if pin.partition("==")[0] in WHEELS]
-    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--only-binary=:all:"]
-    _run([*pip, "--python-version", PYTHON, "--implementation", "cp", "--target", folder / SITE, *wheels])
     (folder / ".whole").touch()
+
+
+def _bring_wheels(folder: Path) -> None:
+    """Install what is pinned, unless it is there already."""
+    files = [ROOT / name for name in ("requirements.txt", "requirements-dev.txt")]
+    pins = [line for file in files for line in file.read_text(encoding="utf-8").splitlines()]
+    wheels = [pin for pin in pins if pin.partition("==")[0] in WHEELS]
+    mark = folder / ".wheels"
+    if mark.is_file() and mark.read_text(encoding="utf-8").split() == wheels:
+        return
+    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--only-binary=:all:", "--upgrade"]
+    _run([*pip, "--python-version", PYTHON, "--implementation", "cp", "--target", folder / SITE, *wheels])
+    mark.write_text("\n".join(wheels), encoding="utf-8")
 
 
 def inside(folder: Path, out: Path, command: list[str], seconds: float) -> subprocess.CompletedProcess:

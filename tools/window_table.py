@@ -10,6 +10,9 @@ STOP = 1.0
 ENGINES = 0.1
 """By how much the mean colours of Cycles' and Eevee's previews may differ."""
 
+PHOTOGRAPHS = 12
+"""That the scenario makes and chooses."""
+
 
 @dataclass(frozen=True)
 class Check:
@@ -48,8 +51,8 @@ def document(found: dict[str, dict], machine: str) -> str:
 
 `make test-ui` writes this page. It starts a real Blender with a window, clicks *Generate* for `examples/barrel` in
 draft quality with the mouse, presses Esc at every stage, undoes, opens a file, quits and disables the extension while a
-run is going on. It needs a Debian with root rights, and fills a folder of its own (`.cache/blender-window`) with that
-Blender.
+run is going on; and it goes from photographs to an asset: choose them, *Solve Cameras*, *Edit Mask*, *Generate*. It
+needs a Debian with root rights, and fills a folder of its own (`.cache/blender-window`) with that Blender.
 
 {machine}.
 
@@ -129,6 +132,25 @@ def _engines(found: dict) -> list[Check]:
     return lines
 
 
+def _photographs(found: dict) -> list[Check]:
+    views = sum(bool(view) for _, view, _ in found["rows"])
+    solved = f"{found['cameras']} cameras{', ground' if found['ground'] else ''} in {found['seconds']:.1f} s"
+    told = [short for name, _, short in found["rows after"] if short == "painted mask"]
+    made = f"{found['made']} made{': ' + found['error'] if found['error'] else ''}"
+    listed = found["browser"] and found["listed"] == PHOTOGRAPHS == len(found["rows"])
+    return [
+        Check("photographs chosen in the file browser", f"{found['listed']} listed", f"{PHOTOGRAPHS}", listed),
+        Check("*Solve Cameras*", solved, "a camera a view", found["cameras"] == views > 0),
+        Check(
+            "*Edit Mask* opens the mask to be painted beside its picture",
+            " and ".join(found["editors"]),
+            "PAINT and VIEW",
+            found["editors"] == ["PAINT", "VIEW"] and found["painted"],
+        ),
+        Check("*Generate* takes it", f"{made}, {len(told)} painted", "1 painted", len(told) == 1 <= found["made"]),
+    ]
+
+
 _MAKERS = {
     "run": _run,
     "cancel": _cancel,
@@ -136,4 +158,5 @@ _MAKERS = {
     "quit": _quit,
     "disable": _disable,
     "engines": _engines,
+    "photographs": _photographs,
 }

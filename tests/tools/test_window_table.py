@@ -49,7 +49,15 @@ def test_a_stop_is_said_and_made_in_time(tool, said, ended, held):
 def test_the_page_states_machine_and_silences(tool):
     page = tool.document({"run": run_of(0.1)}, "A machine of its own")
     assert "A machine of its own" in page and "| reading | 0.30 s |" in page
-    assert "Without a result: cancel, load, quit, disable, engines." in page
+    assert "Without a result: cancel, load, quit, disable, engines, photographs." in page
+
+
+@pytest.mark.parametrize("change, missed", [({}, 0), ({"editors": ["VIEW"]}, 1), ({"cameras": 3, "browser": False}, 2)])
+def test_photographs_that_are_not_listed_solved_or_painted_are_missed_bars(tool, change, missed):
+    rows = [[f"IMG_{index}.png", f"IMG_{index}.png", "painted mask" if index == 0 else "alpha"] for index in range(12)]
+    found = {"browser": True, "listed": 12, "cameras": 12, "ground": True, "seconds": 30.0, "rows": rows}
+    found |= {"editors": ["PAINT", "VIEW"], "painted": True, "made": 1, "error": "", "rows after": rows} | change
+    assert [line.held for line in tool.checks({"photographs": found})].count(False) == missed
 
 
 @pytest.mark.parametrize("eevee, held", [(0.46, True), (0.54, True), (0.44, False), (0.56, False)])

@@ -17,6 +17,7 @@ import bpy
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
+from walk_photographs import photographs
 from watch import Watch, stage_of
 from window import EXTENSION, OUT, PROJECT, area, in_view, module, shoot, state, window
 
@@ -226,6 +227,7 @@ SCENARIOS = {
     "quit": leave,
     "disable": disable,
     "engines": engines,
+    "photographs": photographs,
 }
 
 

@@ -87,7 +87,7 @@ class ARM_OT_use_masks(bpy.types.Operator):
 
 
 def _draw_header(header: bpy.types.Header, context: bpy.types.Context) -> None:
-    """The button beside a mask that is being painted."""
+    """The button beside a mask that is being painted; in front, where no narrow header cuts it off."""
     if mask_painting.is_mask(context.space_data.image):
         header.layout.operator("arm.use_masks", icon="CHECKMARK")
 
@@ -99,7 +99,7 @@ _register_classes, _unregister_classes = bpy.utils.register_classes_factory(clas
 
 def register() -> None:
     _register_classes()
-    bpy.types.IMAGE_HT_header.append(_draw_header)
+    bpy.types.IMAGE_HT_header.prepend(_draw_header)
 
 
 def unregister() -> None:

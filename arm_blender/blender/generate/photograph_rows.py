@@ -26,8 +26,8 @@ class ARM_UL_photographs(bpy.types.UIList):
         index: int = 0,
         flt_flag: int = 0,
     ) -> None:
-        row = layout.split(factor=0.45)
-        row.label(text=item.name, icon=icon_of(item))
+        row = layout.split(factor=0.5)
+        row.label(text=Path(item.name).stem, icon=icon_of(item))  # All have one suffix, and little room.
         row.label(text=item.short)
 
 

@@ -12,6 +12,9 @@ _MARK = "arm_mask_of"
 
 _EDITOR = "IMAGE_EDITOR"
 
+_SETTLED = 0.3
+"""Seconds until a new window has been drawn."""
+
 
 def open_mask(mask: Path, picture: Path) -> bpy.types.Image:
     """The image of a mask's file, as the file has it now unless somebody is painting on it."""
@@ -75,6 +78,18 @@ def show(context: bpy.types.Context, mask: bpy.types.Image) -> None:
             area.spaces.active.image = image
             area.spaces.active.mode = mode
     _paint_white(context)
+    bpy.app.timers.register(_fit, first_interval=_SETTLED)
+
+
+def _fit() -> None:
+    """Show masks and pictures whole, once their editors have a size."""
+    for window in bpy.context.window_manager.windows:
+        editors = [area for area in window.screen.areas if area.type == _EDITOR]
+        if any(is_mask(area.spaces.active.image) for area in editors):
+            for area in editors:
+                region = next(region for region in area.regions if region.type == "WINDOW")
+                with bpy.context.temp_override(window=window, area=area, region=region):
+                    bpy.ops.image.view_all(fit_view=True)
 
 
 def _picture(mask: bpy.types.Image) -> bpy.types.Image | None:
