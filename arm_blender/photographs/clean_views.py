@@ -3,8 +3,6 @@
 `views.load_views` reads the folder. Photographs are held in memory one at a time.
 """
 
-import json
-import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,14 +16,13 @@ from ..progress import Progress, part, silent
 from ..views import LeaveOut
 from ..views.foreground import Heard, unheard
 from ..views.image_io import write_png
-from ..views.mask_files import FOLDER as MASKS
-from ..views.mask_files import read_mask
 from ..views.preprocess import MAXIMUM_SIDE, MINIMUM_SIDE
 from ..views.transforms_json import MAXIMUM_VIEWS, TRANSFORMS, write_transforms
 from .capture import Capture, PosedPhotograph
 from .cut_out import CutOut, PaintedMask, cut_out, quick_look
 from .framing import Window
 from .masks.comparing import compare
+from .painted import PHOTOGRAPH, UNUSED, begin
 from .selection import (
     BLURRED,
     ENOUGH,
@@ -44,9 +41,6 @@ PIXELS = 2**24
 
 KNOWN = "known"
 """Field of a frame: left, top, right, bottom of the pixels that its photograph has; beyond, nothing is known."""
-
-PHOTOGRAPH = "photograph"
-"""Field of a frame: the name of the photograph that it was made of."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +78,7 @@ def clean_views(
         capture: at least one photograph.
         folder: is made where it is missing. Views that were made here before go; what else is in it stays. A mask that
             was painted on such a view and lies here as `masks/NAME.png` goes before every other way to find the object.
+            So may one be on a picture that became no view because of its mask; `UNUSED` has those.
         options: how many, and how large.
         progress: is told each photograph; what it raises leaves `folder` as it was.
         left_out: is told each picture that became no view, and why.
@@ -105,7 +100,7 @@ def clean_views(
     names = distinct(photograph.path.stem for photograph in capture.photographs)
     with staging(folder.parent) as stage:
         made = stage / folder.name
-        older = _begin(folder, made)
+        older = begin(folder, made)
         cleaning = _Cleaning(capture.photographs, names, tables, made, options, older)
         cleaning.examine(part(progress, 0.05, 0.35))
         chosen = cleaning.choose(part(progress, 0.35, 0.95))
@@ -249,52 +244,13 @@ class _Cleaning:
         ]
 
     def write(self, chosen: list[int], capture: Capture) -> None:
-        """Writes transforms.json of the `chosen` views, and takes the pictures of the others away."""
-        fields = [
-            {KNOWN: list(self.made[index].known), PHOTOGRAPH: self.photographs[index].path.name} for index in chosen
-        ]
-        pictures = [f"{self.names[index]}.png" for index in chosen]
-        exposed, place = capture.varying_exposure, self.folder / TRANSFORMS
-        cameras = self._cameras(chosen)
-        write_transforms(place, pictures, cameras, fields=fields, ground=capture.ground, varying_exposure=exposed)
-        for index in self.made.keys() - set(chosen):
-            (self.folder / f"{self.names[index]}.png").unlink()
-
-
-def _begin(folder: Path, made: Path) -> dict[str, PaintedMask]:
-    """Copies what stays of an older `folder` into `made`; the masks that were painted on its views.
-
-    Raises:
-        InputImageError: a painted mask is not as large as its view.
-    """
-    if not folder.is_dir():
-        made.mkdir()
-        return {}
-    shutil.copytree(folder, made, symlinks=True)
-    painted = {}
-    for frame, window in _older_views(folder / TRANSFORMS):
-        (made / frame).unlink(missing_ok=True)
-        mask = folder / MASKS / frame
-        if mask.is_file():
-            height, width = read_mask(mask).shape
-            if (width, height) != (window.width, window.height):
-                size = f"{window.width}x{window.height}"
-                raise InputImageError(f"{mask}: {width}x{height} pixels, its view has {size}; paint it at that size")
-            painted[Path(frame).stem] = PaintedMask(mask, window)
-    return painted
-
-
-def _older_views(transforms: Path) -> list[tuple[str, Window]]:
-    """The pictures and the windows of the views that were made before; none where the file is somebody else's."""
-    try:
-        data = json.loads(transforms.read_text(encoding="utf-8-sig"))
-        views = []
-        for frame in data["frames"]:
-            if PHOTOGRAPH in frame and Path(frame["file_path"]).name == frame["file_path"]:
-                fields = data | frame
-                K = torch.eye(3, dtype=torch.float64)
-                K[0, 0], K[1, 1], K[0, 2], K[1, 2] = (float(fields[name]) for name in ("fl_x", "fl_y", "cx", "cy"))
-                views.append((frame["file_path"], Window(K, int(fields["w"]), int(fields["h"]))))
-    except (OSError, ValueError, TypeError, LookupError):
-        return []
-    return views
+        """Writes transforms.json of the `chosen` views, and `UNUSED` of the others whose pictures were made."""
+        others = sorted(self.made.keys() - set(chosen))
+        for name, indices in ((TRANSFORMS, chosen), (UNUSED, others)) if others else ((TRANSFORMS, chosen),):
+            fields = [
+                {KNOWN: list(self.made[index].known), PHOTOGRAPH: self.photographs[index].path.name}
+                for index in indices
+            ]
+            pictures, cameras = [f"{self.names[index]}.png" for index in indices], self._cameras(indices)
+            ground, exposed = capture.ground, capture.varying_exposure
+            write_transforms(self.folder / name, pictures, cameras, None, fields, ground, exposed)

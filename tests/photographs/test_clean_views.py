@@ -16,6 +16,7 @@ from arm_blender.graphics.cameras import project
 from arm_blender.photographs.capture import Capture, Lens
 from arm_blender.photographs.clean_views import CleaningOptions, clean_views
 from arm_blender.photographs.framing import known_rectangle
+from arm_blender.photographs.painted import UNUSED, older_views
 from arm_blender.views import load_views
 from arm_blender.views.image_io import read_image, write_png
 
@@ -101,6 +102,28 @@ def test_blurred_and_cut_photographs_are_left_out_by_name(tmp_path):
     cut = {name for name, why in notes.items() if "border" in why}
     assert blurred == {"IMG_0002.png", "IMG_0009.png"}  # Ten are sharp and whole: one that is cut fills up.
     assert len(cut) == 1 and cut < {"IMG_0005.png", "IMG_0012.png"} and len(notes) == 3
+
+
+def test_a_picture_that_its_mask_made_no_view_becomes_one_by_a_better_mask(tmp_path):
+    poses = orbit(12)
+    poses[5], poses[10] = looking_aside(poses[5]), looking_aside(poses[10])
+    capture = write_capture(tmp_path / "in", poses, TINY, masks=True)
+    folder, options = tmp_path / "views", CleaningOptions(views=11, side=64)
+    notes, left_out = listened()
+    clean_views(capture, folder, options, left_out=left_out)
+    assert list(notes.values()) == ["the border of the picture cuts the object"]
+    (unused,) = older_views(folder / UNUSED)
+    assert [unused.photograph] == list(notes) and (folder / unused.picture).is_file()
+    assert len(load_views(folder).cameras) == 11, "it is no view"
+    painted = torch.zeros(1, 64, 64)
+    painted[:, 24:40, 24:40] = 1.0
+    (folder / "masks").mkdir()
+    write_png(folder / "masks" / unused.picture, painted, srgb=False)
+    heard, hear = listened()
+    clean_views(capture, folder, options, heard=hear)
+    assert heard[unused.photograph] == "painted mask"
+    (other,) = older_views(folder / UNUSED)
+    assert {other.photograph, unused.photograph} == {"IMG_0005.png", "IMG_0010.png"}
 
 
 def test_a_cut_photograph_serves_where_there_are_too_few_and_says_what_it_knows(tmp_path):

@@ -49,8 +49,8 @@ def draw_photograph_rows(layout: bpy.types.UILayout, context: bpy.types.Context,
     layout.template_list("ARM_UL_photographs", "", settings, "photographs", settings, "photograph", rows=_ROWS)
     chosen = settings.photographs[min(settings.photograph, count - 1)]
     draw_notice(layout, f"{chosen.name}: {chosen.whole}", width, icon="INFO")
-    if chosen.view and seen is not None and seen.folder is not None:
-        draw_edit_mask(layout, seen.folder / chosen.view, seen.folder, chosen.whole, "Edit Mask")
+    if chosen.picture and seen is not None and seen.folder is not None:
+        draw_edit_mask(layout, seen.folder / chosen.picture, seen.folder, chosen.whole, "Edit Mask")
 
 
 def draw_edit_mask(layout: bpy.types.UILayout, picture: Path, root: Path, told: str, text: str = "") -> None:

@@ -37,6 +37,7 @@ class ARM_PG_photograph(bpy.types.PropertyGroup):
     """What became of one photograph whose camera was looked for; `name` is that of its file."""
 
     view: StringProperty(description="File of the view that was made of it; empty where none was")
+    picture: StringProperty(description="File to paint a mask for; empty where there is none")
     registered: BoolProperty(description="Its camera is known")
     doubtful: BoolProperty(description="Its mask may be wrong")
     short: StringProperty(description="What a row has room for")

@@ -14,6 +14,8 @@ class ToldPicture:
     Attributes:
         name: of its file.
         view: name of the view's file that was made of it; empty where none was.
+        picture: name of the file to paint a mask for: that of its view, or of what became none because of its mask;
+            empty where there is neither.
         registered: its camera is known.
         why: why it is no view; or what was mended about the mask of its view; empty where there is nothing to say.
         way: how it was cut out, in a word or two; empty where it was not.
@@ -23,6 +25,7 @@ class ToldPicture:
 
     name: str
     view: str
+    picture: str
     registered: bool
     why: str
     way: str
@@ -53,6 +56,7 @@ class ToldPicture:
 def told_pictures(folder: Path) -> tuple[ToldPicture, ...]:
     """Of every photograph that the views in `folder` were made of, by name; none where nothing is kept there."""
     from ...photographs.cut_out import PAINTED
+    from ...photographs.painted import UNUSED, older_views
     from ...photographs.solved import SOLVED
     from ...photographs.way import read_kept
     from ...report import DOUBTFUL
@@ -61,12 +65,14 @@ def told_pictures(folder: Path) -> tuple[ToldPicture, ...]:
 
     try:
         kept = read_kept(folder)
-        frames = json.loads((folder / TRANSFORMS).read_text(encoding="utf-8"))["frames"]
         solved = json.loads((folder / SOLVED).read_text(encoding="utf-8"))
-        views = {str(frame["photograph"]): str(frame["file_path"]) for frame in frames}
         cameras, sharpness = set(solved["cameras"]), dict(solved.get("sharpness", {}))
     except (OSError, ValueError, KeyError, TypeError):
         return ()
+    views = {one.photograph: one.picture for one in older_views(folder / TRANSFORMS)}
+    if not views:
+        return ()
+    pictures = {one.photograph: one.picture for one in older_views(folder / UNUSED)} | views
     ways: dict[str, str] = {}
     doubts: dict[str, str] = {}
     for name, way in kept.ways:
@@ -74,7 +80,7 @@ def told_pictures(folder: Path) -> tuple[ToldPicture, ...]:
             doubts[name] = way.removeprefix(DOUBTFUL)
         else:
             ways[name] = way
-    for name, view in views.items():
+    for name, view in pictures.items():
         if (folder / MASKS / view).with_suffix(".png").is_file():  # Which counts in the next run, if not in the last.
             ways[name] = PAINTED
             doubts.pop(name, None)
@@ -85,6 +91,7 @@ def told_pictures(folder: Path) -> tuple[ToldPicture, ...]:
         ToldPicture(
             name,
             views.get(name, ""),
+            pictures.get(name, ""),
             name in cameras,
             mended.get(name, "") if name in views else kept.left_out.get(name, ""),
             ways.get(name, ""),

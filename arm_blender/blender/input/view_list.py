@@ -146,7 +146,7 @@ def _fill(settings: bpy.types.PropertyGroup, seen: Look) -> None:
     for told in seen.told:
         row = settings.photographs.add()
         row.name, row.view, row.registered, row.doubtful = told.name, told.view, told.registered, bool(told.doubt)
-        row.short, row.whole = told.short, told.whole
+        row.picture, row.short, row.whole = told.picture, told.short, told.whole
     settings.photograph = min(settings.photograph, max(0, len(seen.told) - 1))
 
 

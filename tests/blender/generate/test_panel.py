@@ -136,7 +136,7 @@ def test_photographs_are_told_of_and_the_mask_of_the_chosen_one_is_offered(setti
     assert "photographs" not in drawn()["prop"]
     for name, view, whole in (("a.jpg", "a.png", "Mask by small network"), ("b.jpg", "", "No view: blurred")):
         row = settings.photographs.add()
-        row.name, row.view, row.whole = name, view, whole
+        row.name, row.view, row.picture, row.whole = name, view, view, whole
     monkeypatch.setattr(view_list, "found", lambda context: Look("photographs", (), (), Path("cup-views")))
     seen = drawn()
     assert "photographs" in seen["prop"] and "1 of 2 photographs are views" in seen["label"]
