@@ -28,6 +28,7 @@ def write_solved(capture: Capture, folder: Path, sharpness: Mapping[str, float] 
     data = {
         "cameras": {one.path.name: one.c2w.tolist() for one in posed},
         "lenses": {one.path.name: _written(one.lens) for one in posed},
+        "mask_ways": {one.path.name: one.mask_way for one in posed},
         "points": capture.points.numpy().astype("<f4").tobytes().hex(),
         "ground": capture.ground,
         "sharpness": {name: round(value, 3) for name, value in (sharpness or {}).items()},
@@ -74,7 +75,8 @@ def solved_capture(folder: Path, paths: Sequence[Path], masks: Path) -> Capture:
             model, width, height, *parameters = data["lenses"][name]
             lens = Lens(str(model), tuple(float(value) for value in parameters), int(width), int(height))
             pose, mask = torch.tensor(c2w, dtype=torch.float64).reshape(4, 4), masks / mask_name(name)
-            posed.append(PosedPhotograph(by_name[name], pose, lens, mask if mask.is_file() else None))
+            way = str(data["mask_ways"][name])
+            posed.append(PosedPhotograph(by_name[name], pose, lens, mask if mask.is_file() else None, way))
         return Capture(
             tuple(posed),
             torch.tensor(points, dtype=torch.float64),

@@ -17,6 +17,7 @@ from ..progress import Progress, part
 from ..views import LeaveOut
 from ..views.foreground import Heard, unheard
 from ..views.mask_files import FOLDER as MASKS
+from ..views.mask_files import mask_beside
 from ..views.rigs import AZIMUTHS_DEG
 from ..views.transforms_json import TRANSFORMS
 from .cameras.solving import SolvingOptions, solved
@@ -271,6 +272,7 @@ def _is_rig(pictures: list[Path]) -> bool:
 def _source(path: Path, options: SolvingOptions) -> dict[str, Any]:
     """What the views depend on, as JSON types: another picture, or a newer one, asks for another solution."""
     files = [path] if is_video(path) else photographs_in(path)
+    files += [mask for file in files if (mask := mask_beside(file, file.parent)) is not None]
     states = [(file.name, file.stat()) for file in files if file.is_file()]
     return {"seed": options.seed, "files": [[name, state.st_size, state.st_mtime_ns] for name, state in states]}
 

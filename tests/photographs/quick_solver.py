@@ -32,7 +32,7 @@ def solve_quickly(monkeypatch, folder: Path) -> list[Path]:
         for one in capture.photographs[:-1]:
             mask = masks / one.path.name
             mask.write_bytes(one.mask.read_bytes())
-            posed.append(replace(one, path=folder / one.path.name, mask=mask))
+            posed.append(replace(one, path=folder / one.path.name, mask=mask, mask_way="small network"))
             heard(one.path.name, "small network")
         heard("IMG_0001.png", f"{DOUBTFUL}it has several parts")
         left_out = {capture.photographs[-1].path.name: "its camera could not be solved: too little in common"}

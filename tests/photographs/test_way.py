@@ -69,6 +69,13 @@ def test_other_pictures_are_solved_anew(tmp_path, shoe, solutions):
     assert len(solutions) == 2
 
 
+def test_a_mask_beside_a_photograph_is_another_picture(tmp_path, shoe, solutions):
+    made(shoe, tmp_path / "views")
+    write_png(shoe / "IMG_0002.mask.png", torch.ones(1, 60, 80), srgb=False)
+    made(shoe, tmp_path / "views")
+    assert len(solutions) == 2
+
+
 def test_views_of_an_earlier_version_are_taken_as_they_are(tmp_path, shoe, solutions):
     folder = tmp_path / "views"
     made(shoe, folder)
