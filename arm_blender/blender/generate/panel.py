@@ -15,6 +15,9 @@ from .matting_operator import wants_matting
 from .operators import is_running
 from .photograph_rows import draw_edit_mask, draw_photograph_rows
 
+NO_FOREGROUND = ": no foreground found"
+"""Follows the picture in an error that a painted mask mends."""
+
 _CHARACTER = 7.0
 """Pixels of a character of Blender's own font, about, at a scale of 1."""
 
@@ -269,9 +272,14 @@ def _draw_error(layout: bpy.types.UILayout, context: bpy.types.Context, message:
     box = layout.box()
     box.alert = True
     draw_notice(box, message, _line(context))
+    box.alert = False
     if wants_matting(message) and not runtime.has_matting():
-        box.alert = False
         box.operator("arm.get_matting_model", icon="IMPORT")
+    picture = Path(message.partition(NO_FOREGROUND)[0])
+    if NO_FOREGROUND in message and picture.is_absolute():  # Else it is the name of a camera.
+        chosen = Path(bpy.path.abspath(context.scene.arm.views_path))
+        root = chosen if chosen in picture.parents else picture.parent
+        draw_edit_mask(box, picture, root, message, "Paint Its Mask")
 
 
 def _line(context: bpy.types.Context) -> int:

@@ -59,7 +59,7 @@ class ARM_PG_settings(bpy.types.PropertyGroup):
     )
     views_path: StringProperty(
         name="Views",
-        description="One image, a folder with transforms.json, or a folder of six images in the rig's order",
+        description="One image, a folder of views or of photographs, or a video",
         subtype="FILE_PATH",
         options=BLEND_RELATIVE,
         update=views_changed,

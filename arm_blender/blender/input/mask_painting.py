@@ -19,6 +19,7 @@ _SETTLED = 0.3
 def open_mask(mask: Path, picture: Path) -> bpy.types.Image:
     """The image of a mask's file, as the file has it now unless somebody is painting on it."""
     image = bpy.data.images.load(str(mask), check_existing=True)
+    image.name = f"Mask of {picture.name}"
     if image.colorspace_settings.name != "Non-Color":
         image.colorspace_settings.name = "Non-Color"  # White paint becomes 1, whatever the scene's colours.
     if not image.is_dirty:

@@ -6,12 +6,16 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import torch
 
 import arm_blender
 from arm_blender.machine import libraries
 from arm_blender.quality_levels import measured_levels
+from arm_blender.views import foreground
+from arm_blender.views.image_io import write_png
 
 bpy = pytest.importorskip("bpy")
+from arm_blender.blender.generate import matting_operator  # noqa: E402
 from arm_blender.blender.generate import panel as panels  # noqa: E402
 from arm_blender.blender.input import request, view_list  # noqa: E402
 from arm_blender.blender.input.looking import Look  # noqa: E402
@@ -189,8 +193,20 @@ def test_an_error_that_a_matting_model_would_mend_has_it_as_a_button(settings, m
     state = bpy.context.window_manager.arm
     state.error = "cup.png: no foreground found (no matting model is there); or get a matting model: weights"
     assert ("arm.get_matting_model" in drawn()["operator"]) is not there
-    state.error = "cup.png: not a readable picture"
-    assert "arm.get_matting_model" not in drawn()["operator"]
+    assert "arm.edit_mask" not in drawn()["operator"], "a camera has no file to paint a mask for"
+    state.error = f"{Path('cup.png').absolute()}{panels.NO_FOREGROUND} (it is foggy)"
+    assert "arm.edit_mask" in drawn()["operator"]
+    state.error = f"{Path('cup.png').absolute()}: not a readable picture"
+    assert not {"arm.get_matting_model", "arm.edit_mask"} & set(drawn()["operator"])
+
+
+def test_what_the_panel_knows_of_an_error_is_what_is_raised(settings, tmp_path, monkeypatch):
+    monkeypatch.setattr(foreground, "WAYS", {})
+    write_png(tmp_path / "fog.png", torch.full((3, 64, 64), 0.5), srgb=True)
+    settings.views_path = str(tmp_path / "fog.png")
+    with pytest.raises(RuntimeError, match=f"fog.png{panels.NO_FOREGROUND}") as raised:
+        bpy.ops.arm.look()
+    assert matting_operator.wants_matting(str(raised.value))
 
 
 def test_what_is_being_installed_is_shown_and_can_be_stopped(settings, monkeypatch):
