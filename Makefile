@@ -6,6 +6,7 @@
 # make test-blender  those zips in every supported Blender: install, generate, relight, export, uninstall
 # make test-ui  the panel in a real Blender window, measured; needs a Debian and root -> docs/user-interface.md
 # make test-train  follows docs/train-it-yourself.md: every stage of the training, with the objects of ARM_DATA or made-up ones
+# make test-photographs  solves the cameras of made-up photographs for real, good ones and spoilt ones
 # PYTHON=...    the Python 3.11 to make .venv with; EXAMPLE=... the views of the demo
 # PLATFORMS=... TORCH_INDEX=...  of `make extension`; PYTHON_313=... TORCH_313=...  of `make test-blender`
 
@@ -15,7 +16,7 @@ EXAMPLE ?= $(patsubst %/,%,$(firstword $(dir $(wildcard examples/*/transforms.js
 BIN := .venv/bin
 READY := .venv/.installed
 
-.PHONY: all demo test lint bench extension test-blender test-ui test-train clean
+.PHONY: all demo test lint bench extension test-blender test-ui test-train test-photographs clean
 
 all: $(READY)
 
@@ -56,7 +57,10 @@ test-ui: $(READY)
 	$(BIN)/python tools/window_run.py --write
 
 test-train: $(READY)
-	$(BIN)/python -m pytest -q -m long
+	$(BIN)/python -m pytest -q -m long tests/training
+
+test-photographs: $(READY)
+	$(BIN)/python -m pytest -q -m long tests/photographs
 
 clean:
 	rm -rf out .mypy_cache .pytest_cache .ruff_cache

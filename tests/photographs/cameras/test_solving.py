@@ -54,7 +54,7 @@ def test_cameras_are_found_to_a_hundredth_of_their_distance(tmp_path):
     assert all(photograph.mask is not None and photograph.mask.is_file() for photograph in posed)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_pictures_of_two_things_are_refused(tmp_path):
     scenes = [StillLife(seed=0 if index < 7 else 500, tiles=0) for index in range(14)]
     folder = capture(tmp_path / "capture", scenes, ring(14))
@@ -77,7 +77,7 @@ def test_pictures_that_cannot_be_read_are_named(tmp_path):
         solved(pictures_of(tmp_path), tmp_path, tmp_path, OPTIONS, silent)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_blank_pictures_are_refused(tmp_path):
     for index in range(6):
         Image.new("RGB", (320, 240), (120, 120, 120)).save(tmp_path / f"{index}.jpg")
