@@ -3,9 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-import torch
-from torch import Tensor
-
+from ...graphics.similarity import similarity
 from ..masks.joint_hull import JointHull
 from .solver import Solution
 
@@ -113,18 +111,6 @@ def distance_apart(first: Solution, second: Solution) -> float:
     scale, rotation, shift = similarity(b, a)
     off = (scale * b @ rotation.T + shift - a).norm(dim=1)
     return float(off.median() / (a - a.mean(dim=0)).norm(dim=1).median().clamp(min=1e-12))
-
-
-def similarity(source: Tensor, target: Tensor) -> tuple[float, Tensor, Tensor]:
-    """Scale, rotation (3, 3) and shift (3,) that bring points (P, 3) nearest to others (Umeyama, 1991)."""
-    source_mean, target_mean = source.mean(dim=0), target.mean(dim=0)
-    a, b = source - source_mean, target - target_mean
-    u, stretch, vt = torch.linalg.svd(b.T @ a)
-    sign = torch.ones(3, dtype=source.dtype)
-    sign[2] = torch.sign(torch.linalg.det(u @ vt))
-    rotation = u @ torch.diag(sign) @ vt
-    scale = float((stretch * sign).sum() / a.square().sum().clamp(min=1e-30))
-    return scale, rotation, target_mean - scale * rotation @ source_mean
 
 
 def _low(value: float, limits: tuple[float, float], reason: str) -> tuple[Level, str]:

@@ -6,9 +6,9 @@ import torch
 from PIL import Image
 
 from arm_blender.errors import ArmError, CameraError, InputImageError
+from arm_blender.graphics.similarity import similarity
 from arm_blender.photographs.cameras import working_copies
 from arm_blender.photographs.cameras.solving import SolvingOptions, solved
-from arm_blender.photographs.cameras.trust import similarity
 from arm_blender.progress import silent
 
 from .scenes import StillLife, capture, ring

@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from arm_blender.photographs.cameras.trust import compared, distance_apart, judged, similarity
+from arm_blender.graphics.similarity import similarity
+from arm_blender.photographs.cameras.trust import compared, distance_apart, judged
 from arm_blender.photographs.masks.joint_hull import joint_hull
 
 from .solutions import LENS, box, masks_of, solution, w2c_ring

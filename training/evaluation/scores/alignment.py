@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from arm_blender.graphics.meshes import sample_surface
+from arm_blender.graphics.similarity import similarity
 from arm_blender.structures import TriangleMesh
 
 
@@ -82,20 +83,10 @@ def poses(scales: tuple[float, ...]) -> Iterator[NDArray[np.float64]]:
 
 
 def similarity_between(source: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(4, 4) the similarity that brings points (P, 3) nearest to (P, 3) (Umeyama 1991); points in one place only move.
-
-    Where the points lie in a plane or on a line it is still a rotation, never a reflection.
-    """
-    center, aim = source.mean(axis=0), target.mean(axis=0)
-    a, b = source - center, target - aim
-    u, singular, vt = np.linalg.svd(b.T @ a)
-    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
-    rotation = (u * sign) @ vt
-    spread = float((a * a).sum())
-    scale = float((singular * sign).sum()) / spread if spread > 1e-12 else 1.0
+    """(4, 4) of `graphics.similarity`, from points (P, 3) to (P, 3)."""
+    scale, rotation, shift = similarity(torch.from_numpy(source), torch.from_numpy(target))
     motion = np.eye(4)
-    motion[:3, :3] = max(scale, 1e-6) * rotation
-    motion[:3, 3] = aim - motion[:3, :3] @ center
+    motion[:3, :3], motion[:3, 3] = scale * rotation.numpy(), shift.numpy()
     return motion
 
 
