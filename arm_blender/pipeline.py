@@ -100,10 +100,7 @@ def generate(
             with report.stage("normal map"), lower_if_short("the normal map", "go without --normal-map"):
                 progress(SHARES["appearance"][1], "baking the normal map")
                 material = detail(mesh, dense, material, report)
-    mesh = mesh.moved(frame.restore)
-    if views.length is not None and not given:
-        scale = views.length / float((mesh.vertices.amax(dim=0) - mesh.vertices.amin(dim=0)).max())
-        mesh = mesh.moved(lambda points: points * scale)
+    mesh = frame.restored(mesh, None if given else views.length)
     report.faces, report.charts, report.texture_size = len(mesh.faces), mesh.charts, material.albedo.shape[-1]
     name = views.name
     if settings.random_weights is not None:

@@ -6,6 +6,7 @@ the identity. Hulls of few views reach far beyond their objects, so the hull's o
 """
 
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import torch
 from torch import Tensor
@@ -13,7 +14,9 @@ from torch import Tensor
 from ..errors import CameraError, InputImageError
 from ..graphics.borders import Rectangle, scaled
 from ..graphics.cameras import Camera, project
-from ..structures import ViewSet
+from ..structures import TriangleMesh, UvMesh, ViewSet
+
+Mesh = TypeVar("Mesh", TriangleMesh, UvMesh)
 
 _COARSE, _FINE = 64, 192
 """Pixels of the longer side of the masks: to see whether the box will do, and to measure a hull elsewhere. In the usual
@@ -54,6 +57,14 @@ class SceneFrame:
     def restore(self, points: Tensor) -> Tensor:
         """(..., 3) points of the box in the cameras' frame; the very same where the frame is the identity."""
         return points if self.is_identity else points * self.scale + self.center.to(points)
+
+    def restored(self, mesh: Mesh, length: float | None) -> Mesh:
+        """A mesh of the box in the cameras' frame; where a `length` is given, its longest side becomes that long."""
+        mesh = mesh.moved(self.restore)
+        if length is None:
+            return mesh
+        scale = length / float((mesh.vertices.amax(dim=0) - mesh.vertices.amin(dim=0)).max())
+        return mesh.moved(lambda points: points * scale)
 
     def boxed(self, points: Tensor) -> Tensor:
         """(..., 3) points of the cameras' frame in the box; undoes `restore`."""

@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from arm_blender.graphics.similarity import similarity
-from arm_blender.photographs.cameras.trust import compared, distance_apart, judged
-from arm_blender.photographs.masks.joint_hull import joint_hull
+from arm_blender.photographs.cameras.trust import MASKS_APART, Trust, borne_out, compared, distance_apart, judged
+from arm_blender.photographs.masks.joint_hull import JointHull, joint_hull
 
 from .solutions import LENS, box, masks_of, solution, w2c_ring
 
@@ -112,3 +112,24 @@ def test_a_similarity_is_found_again():
     assert scale == pytest.approx(0.7)
     torch.testing.assert_close(rotation, turn)
     torch.testing.assert_close(found, shift)
+
+
+@pytest.fixture
+def doubted(right):
+    """A right solution whose first masks fit badly."""
+    return Trust("doubtful", (MASKS_APART,), judged(right, 12, None).measures | {"agreement": 0.6})
+
+
+@pytest.mark.parametrize(("agreement", "level"), [(0.9, "good"), (0.78, "doubtful")])
+def test_masks_that_all_pictures_tell_bear_a_solution_out_where_they_fit_well(doubted, agreement, level):
+    hull = JointHull(torch.zeros(1, 3), torch.zeros(1, 3), 0.1, torch.full((8,), agreement))
+    found = borne_out(doubted, hull)
+    assert doubted.doubts_masks_alone and found.level == level
+    assert found.measures["agreement together"] == pytest.approx(agreement)
+    assert found.reasons == (() if level == "good" else (MASKS_APART,))
+    assert borne_out(doubted, None).level == "doubtful"
+
+
+def test_other_doubts_are_not_for_masks_to_lift(doubted):
+    assert not Trust("doubtful", (MASKS_APART, "many matches"), {}).doubts_masks_alone
+    assert not Trust("wrong", (MASKS_APART,), {}).doubts_masks_alone
