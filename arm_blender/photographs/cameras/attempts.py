@@ -110,7 +110,7 @@ def best_attempt(
             logger.info("%s, focal %s: %s", way, factor, found.trust)
             if best is None or found.trust.rank > best.trust.rank:
                 best = found
-            if found.trust.level == "good" and found.trust.measures["registered"] >= _NEARLY_ALL:
+            if found.trust.needs_no_other and found.trust.measures["registered"] >= _NEARLY_ALL:
                 return found
         if best is not None and best.trust.level == "doubtful" and best.hull is None:
             return best  # Without masks there is nothing that would tell the next one from it.

@@ -29,6 +29,11 @@ TOGETHER = 0.84
 five captures of training objects it is 0.80 to 0.89; with cameras that are off by a tenth of the distance 0.72 to 0.78,
 by a twentieth 0.71 to 0.88."""
 
+RATHER_MASKS = 0.65
+"""As `AGREEMENT`: from here on bad masks are likelier than wrong cameras, where nothing else speaks against those. On
+the same captures it is 0.76 to 0.88 with right cameras; with cameras that are off by a tenth of the distance it is 0.34
+to 0.68, by a fifth 0.37 at most."""
+
 MASKS_APART = "the masks of the object do not fit together"
 """What is said of an agreement that is low."""
 
@@ -57,6 +62,11 @@ class Trust:
     def doubts_masks_alone(self) -> bool:
         """Whether the masks, and nothing else, speak against it, and not much."""
         return self.level == "doubtful" and self.reasons == (MASKS_APART,)
+
+    @property
+    def needs_no_other(self) -> bool:
+        """Whether another attempt could hardly be better: it is good, or what is doubtful is rather the masks."""
+        return self.level == "good" or (self.doubts_masks_alone and self.measures["agreement"] >= RATHER_MASKS)
 
     @property
     def rank(self) -> tuple[int, float]:

@@ -130,6 +130,13 @@ def test_masks_that_all_pictures_tell_bear_a_solution_out_where_they_fit_well(do
     assert borne_out(doubted, None).level == "doubtful"
 
 
+@pytest.mark.parametrize(("agreement", "enough"), [(0.6, False), (0.7, True)])
+def test_bad_masks_alone_ask_for_no_other_attempt_where_cameras_are_likely_right(doubted, agreement, enough):
+    trust = Trust(doubted.level, doubted.reasons, doubted.measures | {"agreement": agreement})
+    assert trust.needs_no_other == enough
+    assert not Trust("doubtful", ("many matches",), trust.measures).needs_no_other
+
+
 def test_other_doubts_are_not_for_masks_to_lift(doubted):
     assert not Trust("doubtful", (MASKS_APART, "many matches"), {}).doubts_masks_alone
     assert not Trust("wrong", (MASKS_APART,), {}).doubts_masks_alone
