@@ -22,6 +22,9 @@ _THICKNESS = 0.008
 _TILT_DEG = 40.0
 """Between the ground's normal and the cameras' mean up, at most: nobody holds a phone so slanted all around."""
 
+_HELD = 0.6
+"""Length of the mean of the cameras' ups below which they do not agree: around an object, 53° above it, it is that."""
+
 _ENOUGH, _SHARE = 30, 0.25
 """Points of a ground at least, and of those that may be the ground's."""
 
@@ -78,7 +81,7 @@ def upright(solution: Solution, masks: list[Tensor] | None, hull: JointHull | No
     own = hull.core if hull is not None and len(hull.core) else solved
     middle = own.median(dim=0).values
     distance = float((solution.centers - middle).norm(dim=1).median())
-    up = normalize(-solution.w2c[:, 1, :3].mean(dim=0), dim=0)
+    up = _held_up(solution, middle)
     candidates = solution.points[inside <= _GROUND] if masks is not None else solution.points
     candidates = candidates[(candidates - middle).norm(dim=1) < 1.5 * distance]
     plane = _ground(candidates, solved, up, solution.centers, _THICKNESS * distance, seed)
@@ -94,6 +97,13 @@ def upright(solution: Solution, masks: list[Tensor] | None, hull: JointHull | No
     shift = -scale * (low + high) / 2.0
     ground = None if plane is None else scale * float(plane[1]) + float(shift[2])
     return Upright(rotation, scale, shift, ground)
+
+
+def _held_up(solution: Solution, middle: Tensor) -> Tensor:
+    """(3,) up, by how the cameras were held; where that says little, as they were turned, they are above the object."""
+    own = -solution.w2c[:, 1, :3].mean(dim=0)
+    towards = normalize(solution.centers - middle, dim=1).mean(dim=0)
+    return normalize(own if float(own.norm()) >= _HELD else towards, dim=0)
 
 
 def _inside(solution: Solution, masks: list[Tensor] | None) -> Tensor:

@@ -81,3 +81,16 @@ def test_without_a_ground_up_is_the_cameras_own(scene):
 def test_the_first_camera_looks_from_the_front(scene):
     c2w = upright(tilted(scene), None, None, 0).c2w(tilted(scene).w2c)
     assert abs(float(c2w[0, 0, 2])) < 1e-6 and float(c2w[0, 1, 2]) < 0.0
+
+
+def test_cameras_that_were_turned_about_their_axes_are_above():
+    """Portrait, landscape and upside down, from above: what is up in the pictures says nothing."""
+    w2c = w2c_ring(12, elevation=0.9)
+    for index in range(12):
+        angle = torch.tensor(index * 1.7)
+        roll = torch.eye(4, dtype=torch.float64)
+        roll[:2, :2] = torch.tensor([[angle.cos(), -angle.sin()], [angle.sin(), angle.cos()]])
+        w2c[index] = roll @ w2c[index]
+    found = solution(w2c, box(HALF, 4))
+    stand = upright(found, None, None, 0)
+    assert float(stand.rotation[2, 2]) > 0.95, "Z stays up"
