@@ -32,7 +32,7 @@ def test_the_list_of_weights_says_where_they_lie_and_whether_they_are_whole(tmp_
         assert str(tmp_path / weights.file_name) in where
         whole = weights.name.startswith("small.") and weights.name != "small.glossyrm"
         assert ("whole" in line) == whole and (weights.remedy in where) != whole
-    assert "damaged" in lines[2] and "not installed" in lines[10]
+    assert "damaged" in lines[2] and "not installed" in lines[12]
     assert "1.5 GB" in next(line for line in said if "instantmesh.georm" in line)
 
 

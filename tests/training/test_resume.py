@@ -59,6 +59,7 @@ def rows(folder: Path, kind: str = "mean") -> list[list[str]]:
         return [row for row in csv.reader(file) if row[1] == kind]
 
 
+@pytest.mark.long
 def test_a_killed_run_goes_on_with_the_losses_of_an_unbroken_one(tmp_path):
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     assert start(whole, 0.0).wait(timeout=120) == 0

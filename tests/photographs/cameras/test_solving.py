@@ -31,7 +31,7 @@ def pictures_of(folder):
     return sorted(folder.iterdir())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_cameras_are_found_to_a_hundredth_of_their_distance(tmp_path):
     truth = ring(10)
     folder = capture(tmp_path / "capture", StillLife(), truth)

@@ -49,6 +49,7 @@ def objects(count: int) -> list[Asset]:
     return [Asset(f"o{k}", f"o{k}.glb", f"o{k}.glb") for k in range(count)]
 
 
+@pytest.mark.long
 def test_a_machine_that_is_lost_leaves_no_trace(tmp_path, monkeypatch, cluster):
     from training.rendering.render_ray import over_machines
 
