@@ -136,7 +136,7 @@ def answer(photographs: Path, output: Path, quality: str, *more: str) -> Answer:
         lines = said.read().strip().splitlines() or ["no word"]
     cost = time.perf_counter() - began, usage.ru_maxrss / 1024
     if process.returncode != 0:
-        return Answer(REFUSED, lines[-1], *cost)
+        return Answer(REFUSED, lines[-1].replace(str(photographs), photographs.name), *cost)
     doubts = json.loads((output / "report.json").read_text(encoding="utf-8"))["doubts"]
     return Answer(DOUBTFUL if doubts else SOLVED, "; ".join(doubts), *cost)
 
