@@ -74,7 +74,7 @@ REGISTRY = (
     Weights("small.instant_albedo", "albedo without the lighting on a CPU", "GPL-3.0-or-later", _SHIPPED),
     Weights("small.ray_occupancy", "geometry from one view or two on a CPU", "GPL-3.0-or-later", _SHIPPED),
     Weights("small.cutout", "cutting the object out of a photograph, on a CPU", "GPL-3.0-or-later", _SHIPPED),
-    Weights("small.joint_cutout", "cutting the object out of photographs whose cameras are solved", "GPL-3.0-or-later", _SHIPPED),
+    Weights("small.joint_cutout", "cutting the object out of photographs with cameras", "GPL-3.0-or-later", _SHIPPED),
     Weights("paper.georm", "geometry at the paper's size", "your own", _OWN),
     Weights("paper.glossyrm", "roughness and metallic at the paper's size", "your own", _OWN),
     Weights("paper.instant_albedo", "albedo at the paper's size", "your own", _OWN),
