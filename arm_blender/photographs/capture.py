@@ -5,6 +5,8 @@ from pathlib import Path
 
 from torch import Tensor
 
+from ..views.mask_files import MASK_FILE
+
 OF_CAMERAS = {".jpg", ".jpeg", ".heic", ".heif"}
 """Formats that phones and cameras write."""
 
@@ -42,7 +44,7 @@ class PosedPhotograph:
     c2w: Tensor
     lens: Lens
     mask: Path | None = None
-    mask_way: str = "mask file"
+    mask_way: str = MASK_FILE
 
 
 @dataclass(frozen=True)

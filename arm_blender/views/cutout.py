@@ -57,7 +57,7 @@ def cut_out(image: Tensor) -> Tensor:
     path = checkpoints.shipped(WEIGHTS)
     if not path.is_file():
         raise Unsure("the small network is not installed")
-    network = _network(path, path.stat().st_mtime_ns)
+    network = load_cutout(path, path.stat().st_mtime_ns)
     srgb = srgb_from_linear(image[:3].cpu().float())
     found = _looks(network, srgb)
     if not sees_something(found) or int((found > _CERTAIN).sum()) < _CERTAIN_SHARE * int((found > 0.5).sum()):
@@ -67,8 +67,8 @@ def cut_out(image: Tensor) -> Tensor:
     return alpha * ~(opaque & ~without_specks(opaque))
 
 
-@functools.lru_cache(maxsize=1)
-def _network(path: Path, changed: int) -> Cutout:
+@functools.lru_cache(maxsize=2)  # This look's, and that of `photographs.masks.joint_look`.
+def load_cutout(path: Path, changed: int) -> Cutout:
     """The network; `changed` is when its file was, so that another one under the same name is read anew."""
     config, state = checkpoints.load(path, CutoutConfig)
     network = Cutout(config).eval().requires_grad_(False)

@@ -43,7 +43,7 @@ def iou(alpha: torch.Tensor, mask: torch.Tensor) -> float:
 @pytest.fixture
 def redness(monkeypatch, weights_folder) -> None:
     checkpoints.shipped("small.cutout").write_bytes(b"")
-    monkeypatch.setattr(cutout, "_network", lambda path, changed: Redness())
+    monkeypatch.setattr(cutout, "load_cutout", lambda path, changed: Redness())
 
 
 @pytest.mark.parametrize(

@@ -125,8 +125,7 @@ def mistaken(
 
 def eye_of(c2w: Tensor, lens: dict[str, Any]) -> Eye:
     """Of a pose (4, 4) in OpenGL axes and a lens as `truth.json` has it."""
-    w2c = torch.linalg.inv(c2w @ torch.diag(c2w.new_tensor([1.0, -1.0, -1.0, 1.0])))
-    return Eye(w2c, Lens(lens["model"], tuple(lens["parameters"]), lens["width"], lens["height"]))
+    return Eye.posed(c2w, Lens(lens["model"], tuple(lens["parameters"]), lens["width"], lens["height"]))
 
 
 def drawn(samples: Sequence[JointSamples], count: int, random: torch.Generator) -> tuple[Tensor, Tensor]:

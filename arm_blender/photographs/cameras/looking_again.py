@@ -41,8 +41,7 @@ def looked_at_again(
         with Image.open(colors / copies[view].name) as image:
             return torch.from_numpy(np.array(image)).permute(2, 0, 1) / 255.0
 
-    turned = stand.c2w(solution.w2c) @ torch.diag(solution.w2c.new_tensor([1.0, -1.0, -1.0, 1.0]))
-    eyes = [Eye(w2c, lens) for w2c, lens in zip(torch.linalg.inv(turned), solution.lenses, strict=True)]
+    eyes = [Eye.posed(c2w, lens) for c2w, lens in zip(stand.c2w(solution.w2c), solution.lenses, strict=True)]
     alphas = [copy.mask for copy in copies]
     masks = joint_masks(picture, alphas, eyes, stand.ground, progress)
     if masks is None:

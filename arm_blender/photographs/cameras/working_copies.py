@@ -15,7 +15,7 @@ from ...graphics.color import linear_from_srgb
 from ...progress import Progress
 from ...views.foreground import foreground
 from ...views.image_io import read_orientation
-from ...views.mask_files import mask_beside, with_mask
+from ...views.mask_files import MASK_FILE, mask_beside, with_mask
 from ...views.pillow_io import reduced
 from ..masks.joint_look import is_guessed
 from ..pictures import Photograph, looked_at
@@ -151,7 +151,7 @@ def _mask(pixels: NDArray[np.uint8], path: Path, told: list[str]) -> Tensor | No
     image = torch.cat([linear_from_srgb(values[:3]), values[3:]])
     given = mask_beside(path, path.parent)
     if given is not None:
-        told.append("mask file")
+        told.append(MASK_FILE)
         mask = with_mask(image, given, read_orientation(path)[2])[3]
     else:
         try:

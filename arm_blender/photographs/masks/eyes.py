@@ -23,6 +23,11 @@ class Eye:
     w2c: Tensor
     lens: Lens
 
+    @classmethod
+    def posed(cls, c2w: Tensor, lens: Lens) -> "Eye":
+        """Of a pose (4, 4), camera to world in OpenGL axes."""
+        return cls(torch.linalg.inv(c2w @ torch.diag(c2w.new_tensor([1.0, -1.0, -1.0, 1.0]))), lens)
+
     @property
     def center(self) -> Tensor:
         """(3,) where it stands."""

@@ -1,8 +1,6 @@
 """A second look for what of the pictures is the object, once the cameras are known: by all pictures together."""
 
-import functools
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 import torch
 from torch import Tensor
@@ -10,7 +8,7 @@ from torch.nn.functional import grid_sample, interpolate
 
 from ...models.small.cutout import Cutout, CutoutConfig
 from ...progress import Progress, silent
-from ...views.cutout import along_edges
+from ...views.cutout import along_edges, load_cutout
 from ...views.foreground import WAYS
 from ...weight_files import checkpoints
 from .evidence import CHANNELS, Scene, evidence, scene, window
@@ -70,7 +68,7 @@ def joint_masks(
     path = checkpoints.shipped(WEIGHTS)
     if not path.is_file():
         return None
-    network = _network(path, path.stat().st_mtime_ns)
+    network = load_cutout(path, path.stat().st_mtime_ns)
     pictures, logits = [], []
     for view, alpha in enumerate(alphas):
         progress(0.3 * view / len(alphas), "putting the pictures together")
@@ -100,15 +98,6 @@ def _look(network: Cutout, seen: Scene, view: int) -> Tensor:
     inside = (where.abs() < 1.0).all(dim=-1)[0]
     read = grid_sample(found, where, padding_mode="border", align_corners=False)[0, 0]
     return torch.where(inside, read, _NOTHING)
-
-
-@functools.lru_cache(maxsize=1)
-def _network(path: Path, changed: int) -> Cutout:
-    """The network; `changed` is when its file was, so that another one under the same name is read anew."""
-    config, state = checkpoints.load(path, CutoutConfig)
-    network = Cutout(config).eval().requires_grad_(False)
-    checkpoints.restore(network, state, path)
-    return network
 
 
 def _reduced(image: Tensor) -> Tensor:

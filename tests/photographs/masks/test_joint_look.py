@@ -1,5 +1,7 @@
 """The second look: what it hands to its network, and where the answer lands in the picture."""
 
+from pathlib import Path
+
 import pytest
 import torch
 
@@ -42,8 +44,8 @@ def iou(found, truth) -> float:
 
 
 def test_the_answer_lies_where_it_was_looked_for(taken, monkeypatch):
-    monkeypatch.setattr(joint_look, "_network", lambda path, changed: TellsSupport())
-    monkeypatch.setattr(checkpoints, "shipped", lambda name: joint_look.Path(__file__))
+    monkeypatch.setattr(joint_look, "load_cutout", lambda path, changed: TellsSupport())
+    monkeypatch.setattr(checkpoints, "shipped", lambda name: Path(__file__))
     found = look(taken)
     assert all(mask.shape == shot[1].shape for mask, shot in zip(found, taken[1], strict=True))
     scores = [iou(mask, shot[1]) for mask, shot in zip(found, taken[1], strict=True)]
@@ -56,8 +58,8 @@ def test_without_its_network_nothing_is_said(taken, monkeypatch, tmp_path):
 
 
 def test_it_can_be_stopped(taken, monkeypatch):
-    monkeypatch.setattr(joint_look, "_network", lambda path, changed: TellsSupport())
-    monkeypatch.setattr(checkpoints, "shipped", lambda name: joint_look.Path(__file__))
+    monkeypatch.setattr(joint_look, "load_cutout", lambda path, changed: TellsSupport())
+    monkeypatch.setattr(checkpoints, "shipped", lambda name: Path(__file__))
 
     def stop(fraction, message):
         if fraction > 0.5:
