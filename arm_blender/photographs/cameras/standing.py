@@ -28,11 +28,16 @@ _HELD = 0.6
 _ENOUGH, _SHARE = 30, 0.25
 """Points of a ground at least, and of those that may be the ground's."""
 
-_OBJECT, _GROUND = 0.7, 0.2
-"""Of a point's observations, the share inside masks from which it is the object's, and up to which the ground's."""
+_OBJECT, _GROUND, _EITHER = 0.7, 0.2, 0.5
+"""Of a point's observations, the share inside masks from which it is the object's, up to which the ground's, and up to
+which it may be the ground's where masks took the things that lie there along."""
 
 _BELOW = 0.03
 """Of the object's points that may lie below its ground."""
+
+_AROUND = 1.2
+"""How far from the object's axis a ground's points lie, the median, beside how far nine tenths of all others do, where
+it is not known which points are the object's."""
 
 
 @dataclass(frozen=True)
@@ -82,9 +87,14 @@ def upright(solution: Solution, masks: list[Tensor] | None, hull: JointHull | No
     middle = own.median(dim=0).values
     distance = float((solution.centers - middle).norm(dim=1).median())
     up = _held_up(solution, middle)
-    candidates = solution.points[inside <= _GROUND] if masks is not None else solution.points
-    candidates = candidates[(candidates - middle).norm(dim=1) < 1.5 * distance]
-    plane = _ground(candidates, solved, up, solution.centers, _THICKNESS * distance, seed)
+    near = (solution.points - middle).norm(dim=1) < 1.5 * distance
+    candidates = solution.points[near & (inside <= _GROUND)]
+    thickness = _THICKNESS * distance
+    plane = _ground(candidates, candidates, solved, up, solution.centers, thickness, seed)
+    if plane is None:  # Bad masks may have taken along what lies there.
+        points, drawn = solution.points[near], solution.points[near & (inside <= _EITHER)]
+        plane = _ground(drawn, points, points, up, solution.centers, thickness, seed)
+        plane = plane if plane is not None and _lies_around(plane, points, thickness) else None
     if plane is not None:
         up = plane[0]
     rotation = _turn(up, -solution.w2c[0, 2, :3])
@@ -132,16 +142,16 @@ def _near_points(solution: Solution) -> Tensor:
 
 
 def _ground(
-    points: Tensor, own: Tensor, up: Tensor, centers: Tensor, thickness: float, seed: int
+    drawn: Tensor, points: Tensor, own: Tensor, up: Tensor, centers: Tensor, thickness: float, seed: int
 ) -> tuple[Tensor, Tensor] | None:
-    """The plane that most `points` (P, 3) lie on, with the object and all cameras above: normal (3,), and its height.
+    """The plane that most `points` (P, 3) lie on, with `own` and all cameras above: normal (3,), and its height.
 
-    None where there is none.
+    Planes are tried through three of `drawn`. None where there is none.
     """
-    if len(points) < _ENOUGH:
+    if len(points) < _ENOUGH or len(drawn) < 3:
         return None
     generator = torch.Generator().manual_seed(seed)
-    three = points[torch.randint(len(points), (_TRIALS, 3), generator=generator)]
+    three = drawn[torch.randint(len(drawn), (_TRIALS, 3), generator=generator)]
     normal = torch.linalg.cross(three[:, 1] - three[:, 0], three[:, 2] - three[:, 0])
     normal = normalize(normal, dim=1)
     normal = normal * torch.sign(normal @ up)[:, None]
@@ -152,13 +162,24 @@ def _ground(
     above = (centers @ normal.T > height).all(dim=0)
     on_it = ((points @ normal.T - height).abs() < thickness).sum(dim=0) * (level & beneath & above)
     best = int(on_it.argmax())
-    if int(on_it[best]) < max(_ENOUGH, _SHARE * len(points)):
+    if int(on_it[best]) < max(_ENOUGH, _SHARE * len(drawn)):
         return None
     flat = points[(points @ normal[best] - height[best]).abs() < thickness]
     middle = flat.mean(dim=0)
     fitted = torch.linalg.svd(flat - middle, full_matrices=False).Vh[2]
     fitted = fitted * torch.sign(fitted @ up)
     return fitted, fitted @ middle
+
+
+def _lies_around(plane: tuple[Tensor, Tensor], points: Tensor, thickness: float) -> bool:
+    """Whether the points of a plane lie around all others, and are not a flat side of the object."""
+    normal, height = plane
+    across = points - points.median(dim=0).values
+    far = (across - (across @ normal)[:, None] * normal).norm(dim=1)
+    on_it = (points @ normal - height).abs() < thickness
+    if bool(on_it.all()):
+        return False
+    return float(far[on_it].median()) > _AROUND * float(far[~on_it].quantile(0.9))
 
 
 def _turn(up: Tensor, back: Tensor) -> Tensor:

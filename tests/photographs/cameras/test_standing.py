@@ -8,7 +8,7 @@ import torch
 from arm_blender.photographs.cameras.standing import upright
 from arm_blender.photographs.masks.joint_hull import joint_hull
 
-from .solutions import box, masks_of, pixels, solution, w2c_ring
+from .solutions import HEIGHT, box, masks_of, pixels, solution, w2c_ring
 
 HALF = (0.9, 0.5, 0.3)
 
@@ -94,3 +94,35 @@ def test_cameras_that_were_turned_about_their_axes_are_above():
     found = solution(w2c, box(HALF, 4))
     stand = upright(found, None, None, 0)
     assert float(stand.rotation[2, 2]) > 0.95, "Z stays up"
+
+
+def test_a_ground_is_found_where_bad_masks_take_along_what_lies_on_it(scene):
+    """Cards around the box, all that has features there, are in most of the masks."""
+    corners = torch.tensor([[x, y, 0.0] for x in (-1.5, 1.5) for y in (-1.2, 1.2)]).double()
+    grid = torch.cartesian_prod(*[torch.linspace(-0.1, 0.1, 4).double()] * 2)
+    flat = torch.cat([grid, torch.zeros(len(grid), 1).double()], dim=1)
+    cards = (corners[:, None] + flat).view(-1, 3) - torch.tensor([0.0, 0.0, HALF[2]]).double()
+    w2c = w2c_ring(16, elevation=0.6)[:9]
+    surface = box(HALF, 6)
+    found = tilted(solution(w2c, torch.cat([surface, cards])))
+    # Four of the nine masks take the cards along.
+    masks = [
+        torch.maximum(own, taken) if index % 2 else own
+        for index, (own, taken) in enumerate(zip(masks_of(w2c, box(HALF)), masks_of(w2c, cards), strict=True))
+    ]
+    stand = upright(found, masks, joint_hull(found.w2c, found.lenses, masks), 0)
+    assert stand.ground is not None
+    assert float(stand.moved(found.points)[-len(cards) :, 2].std()) < 0.01, "the cards lie level"
+    assert float(stand.moved(found.points)[-len(cards) :, 2].mean()) == pytest.approx(stand.ground, abs=0.02)
+
+
+def test_a_flat_side_of_the_object_is_no_ground():
+    """A box of which only the sides have features, a whole row of them along the lower edge; masks are uncertain."""
+    w2c = w2c_ring(12, elevation=0.5)
+    surface = box(HALF, 8)
+    surface = surface[(surface[:, :2].abs() > torch.tensor(HALF[:2]) - 1e-6).any(dim=1)]
+    found = solution(w2c, surface)
+    masks = masks_of(w2c, box(HALF))
+    for mask in masks[1::2]:
+        mask[HEIGHT // 2 :] = 0.0  # Half of the masks lack the lower half: its points may be the ground's.
+    assert upright(found, masks, joint_hull(w2c, found.lenses, masks), 0).ground is None
