@@ -119,7 +119,7 @@ def test_a_ground_is_found_where_bad_masks_take_along_what_lies_on_it(scene):
 def test_a_flat_side_of_the_object_is_no_ground():
     """A box of which only the sides have features, a whole row of them along the lower edge; masks are uncertain."""
     w2c = w2c_ring(12, elevation=0.5)
-    surface = box(HALF, 8)
+    surface = box(HALF, 14)
     surface = surface[(surface[:, :2].abs() > torch.tensor(HALF[:2]) - 1e-6).any(dim=1)]
     found = solution(w2c, surface)
     masks = masks_of(w2c, box(HALF))
