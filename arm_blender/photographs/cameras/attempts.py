@@ -47,6 +47,7 @@ class Attempt:
         hull: of their masks; None where too few have one.
         trust: how far the solution is to be trusted.
         groups: names of the pictures of this and of every smaller solution that was found beside it.
+        looks: how often all pictures were looked at together for its masks.
     """
 
     way: str
@@ -55,6 +56,7 @@ class Attempt:
     hull: JointHull | None
     trust: Trust
     groups: list[list[str]]
+    looks: int = 0
 
     def standing(self, seed: int) -> Upright:
         """Where the object stands."""
@@ -73,7 +75,7 @@ class Attempt:
         """
         stand = self.standing(seed)
         copies = looked_at_again(self.copies, folder / COLORS, self.solution, stand, progress)
-        return replace(self, copies=copies, hull=_hull(self.solution, copies))
+        return replace(self, copies=copies, hull=_hull(self.solution, copies), looks=self.looks + 1)
 
 
 def best_attempt(
@@ -106,7 +108,7 @@ def best_attempt(
             if found.trust.doubts_masks_alone:
                 # One bad mask is like another to the first look: what all pictures say together tells more.
                 looked = found.looked_again(folder, seed, part(share, 0.9, 1.0))
-                found = replace(found, trust=borne_out(found.trust, looked.hull))
+                found = replace(looked, trust=borne_out(looked.trust, looked.hull))
             logger.info("%s, focal %s: %s", way, factor, found.trust)
             if best is None or found.trust.rank > best.trust.rank:
                 best = found

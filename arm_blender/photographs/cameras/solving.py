@@ -87,7 +87,7 @@ def solved(
         found = best_attempt(copies, work, threads, options.seed, part(progress, 0.25, 0.85))
         if found is None or found.trust.level == "wrong":
             raise CameraError(f"{where}: {_why_not(found, copies)}; {BETTER}")
-        for look in range(_LOOKS):
+        for look in range(found.looks, _LOOKS):
             share = part(progress, 0.85 + 0.14 * look / _LOOKS, 0.85 + 0.14 * (look + 1) / _LOOKS)
             found = found.looked_again(work, options.seed, share)
         stand = found.standing(options.seed)
