@@ -59,7 +59,7 @@ def generate(
     """Reconstruct the object in `views`.
 
     Args:
-        views: 1 to 16 posed views, in any frame.
+        views: 1 to 32 posed views, in any frame.
         settings: what to make of them.
         progress: told of every stage; it may raise `Cancelled`.
         report: continued, if loading has begun one.

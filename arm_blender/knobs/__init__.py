@@ -29,6 +29,9 @@ ZERO123PLUS = "zero123plus-v1.2"
 SHORTEST_LIMIT = 5.0
 """Seconds: twice what the charts of half a million faces take on two cores before anything can be given up."""
 
+USUAL_VIEWS, MOST_VIEWS = 16, 32
+"""Views of an object that are chosen of many photographs, and that are used at most."""
+
 _SEED = Rule(lambda seed: 0 <= seed < 2**63, "give 0 to 2**63 - 1")
 
 
@@ -203,6 +206,13 @@ class ViewKnobs:
     )
     """Pictures know no scale: without it the asset is as large as its cameras say, 2 units where they were solved. A
     mesh that is given keeps its size."""
+    photo_views: int = knob(
+        USUAL_VIEWS,
+        f"that are chosen of many photographs (default: {USUAL_VIEWS})",
+        within(3, MOST_VIEWS),
+        listed=True,
+    )
+    """The sharpest that see the object whole and from all around; docs/photographs.md measures fewer and more."""
     weights: tuple[float, ...] | None = knob(None, "how much each view counts", option="view-weights", listed=True)
     """One per view, before views that see nothing are skipped; 0 leaves one out. None takes transforms.json's, or 1."""
     multiview: ProviderName = knob("none", "of a single image: none, zero123plus (default: none)")

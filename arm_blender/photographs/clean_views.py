@@ -11,13 +11,14 @@ import torch
 
 from ..errors import InputImageError
 from ..graphics.cameras import Camera
+from ..knobs import MOST_VIEWS, USUAL_VIEWS
 from ..machine.files import distinct, replace_folder, staging
 from ..progress import Progress, part, silent
 from ..views import LeaveOut
 from ..views.foreground import Heard, unheard
 from ..views.image_io import write_png
 from ..views.preprocess import MAXIMUM_SIDE, MINIMUM_SIDE
-from ..views.transforms_json import MAXIMUM_VIEWS, TRANSFORMS, write_transforms
+from ..views.transforms_json import TRANSFORMS, write_transforms
 from .capture import Capture, PosedPhotograph
 from .cut_out import CutOut, PaintedMask, cut_out, quick_look
 from .framing import Window
@@ -47,16 +48,16 @@ KNOWN = "known"
 class CleaningOptions:
     """Of the views that are made."""
 
-    views: int = MAXIMUM_VIEWS
-    """At most. Fewer leave parts unseen; more than `MAXIMUM_VIEWS` no pipeline reads."""
+    views: int = USUAL_VIEWS
+    """At most. Fewer leave parts unseen; more than `MOST_VIEWS` no pipeline reads."""
     side: int | None = None
     """Pixels of each; None takes as many as `PIXELS` allows and the photographs have, at most `MAXIMUM_SIDE`."""
 
     def __post_init__(self) -> None:
-        if not 1 <= self.views <= MAXIMUM_VIEWS or (
+        if not 1 <= self.views <= MOST_VIEWS or (
             self.side is not None and not MINIMUM_SIDE <= self.side <= MAXIMUM_SIDE
         ):
-            raise ValueError(f"1 to {MAXIMUM_VIEWS} views of {MINIMUM_SIDE} to {MAXIMUM_SIDE} pixels, got {self}")
+            raise ValueError(f"1 to {MOST_VIEWS} views of {MINIMUM_SIDE} to {MAXIMUM_SIDE} pixels, got {self}")
 
     def side_of(self, count: int, largest: int) -> int:
         """Pixels a side of the views of `count` photographs, whose shorter sides are at most `largest`."""

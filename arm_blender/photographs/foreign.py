@@ -3,8 +3,9 @@
 from pathlib import Path
 
 from ..errors import CameraError, InputImageError
+from ..knobs import MOST_VIEWS, USUAL_VIEWS
 from ..progress import Progress
-from ..views.transforms_json import MAXIMUM_VIEWS, TRANSFORMS, read_frames
+from ..views.transforms_json import TRANSFORMS, read_frames
 from .capture import Capture
 from .colmap.model import capture_of_colmap, model_folder
 from .transforms_capture import capture_of_transforms
@@ -22,7 +23,8 @@ PROJECTS = {
 def needs_cleaning(path: Path) -> bool:
     """Whether `path` holds photographs with cameras that do not do as views as they are.
 
-    A transforms.json of more than `MAXIMUM_VIEWS` frames, with a bent lens or missing pictures, or a model of COLMAP.
+    A transforms.json of more than `USUAL_VIEWS` frames that are no clean views, or of more than `MOST_VIEWS`, with a
+    bent lens or missing pictures, or a model of COLMAP.
 
     Raises:
         CameraError: a transforms.json is malformed, or the file is another program's own.
@@ -41,7 +43,8 @@ def needs_cleaning(path: Path) -> bool:
         frames, missing = read_frames(transforms)
     except OSError as error:
         raise InputImageError(f"{path}: cannot be read ({error.strerror}); check the path and its rights") from error
-    return bool(missing) or len(frames) > MAXIMUM_VIEWS or any(frame.is_bent for frame in frames)
+    most = MOST_VIEWS if all("known" in frame.fields for frame in frames) else USUAL_VIEWS
+    return bool(missing) or len(frames) > most or any(frame.is_bent for frame in frames)
 
 
 def read_capture(path: Path, progress: Progress) -> Capture:

@@ -13,7 +13,7 @@ from ..structures import ViewSet
 from ..views import ViewOptions, view_set
 from ..views.multiview import View
 from .cameras.solving import SolvingOptions
-from .clean_views import clean_views
+from .clean_views import CleaningOptions, clean_views
 from .foreign import needs_cleaning, read_capture
 from .way import solved_views, way_of
 
@@ -84,15 +84,15 @@ def make_views(
     """
     if folder is not None and (path if path.is_dir() else path.parent).resolve() == folder.resolve():
         raise CameraError(f"{folder}: is read, and would be written over; choose another --output")
-    place = _place(folder)
+    place, cleaning = _place(folder), CleaningOptions(views=options.photo_views)
     if way_of(path, options.cameras_from).cameras == "solve":
-        facts = solved_views(path, place, solving, progress, report.leave_out, report.note_mask)
+        facts = solved_views(path, place, solving, cleaning, progress, report.leave_out, report.note_mask)
         report.photographs |= facts
         for reason in facts["doubts"]:
             report.doubt(f"the cameras of {path.name}: {reason}")
         return place
     capture = read_capture(path, part(progress, 0.0, 0.05))
-    return clean_views(capture, place, None, part(progress, 0.05, 1.0), report.leave_out, report.note_mask)
+    return clean_views(capture, place, cleaning, part(progress, 0.05, 1.0), report.leave_out, report.note_mask)
 
 
 def views_are_made(path: Path, options: ViewOptions) -> bool:

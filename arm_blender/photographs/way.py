@@ -1,6 +1,5 @@
 """Which way pictures get their cameras, by stated rules; and those that are solved, as a folder of clean views."""
 
-import json
 import logging
 import shutil
 import tempfile
@@ -25,62 +24,15 @@ from .capture import Capture
 from .clean_views import CleaningOptions, clean_views
 from .colmap.model import model_folder
 from .cut_out import PAINTED
+from .kept import KEPT, Kept, kept_of, read_kept
 from .pictures import looked_at, photographs_in
 from .solved import mask_name, solved_capture
 from .video import frames_of
 
 logger = logging.getLogger(__name__)
 
-KEPT = "cameras.json"
-"""In a folder of views: of which pictures they are, and how far their cameras are to be trusted."""
-
-
 FOUND = "found-masks"
 """In a folder of views: the masks that were found in the photographs, for views that are made anew."""
-
-
-@dataclass(frozen=True)
-class Kept:
-    """What is kept beside views of solved cameras, for the next run and for whoever asks what became of a picture.
-
-    Attributes:
-        source: what the cameras depend on.
-        facts: how they were solved, and how far they are to be trusted.
-        left_out: what was not used, and why; of pictures their names.
-        found: of each picture its name and a way that its mask was found by, or a doubt about it (`DOUBTFUL`).
-        by_hand: the pictures whose mask was painted.
-        painted: the files of those masks, as they were.
-    """
-
-    source: dict[str, Any]
-    facts: dict[str, Any]
-    left_out: dict[str, str]
-    found: list[tuple[str, str]]
-    by_hand: list[str]
-    painted: dict[str, list[int]]
-
-    @property
-    def ways(self) -> list[tuple[str, str]]:
-        """How each picture was cut out in the end: what is said of a mask that was found does not count for another."""
-        found = [(name, way) for name, way in self.found if name not in self.by_hand]
-        return found + [(name, PAINTED) for name in self.by_hand]
-
-
-def read_kept(folder: Path) -> Kept:
-    """What is kept beside the views in `folder`.
-
-    Raises:
-        OSError, ValueError, TypeError, KeyError: nothing is, or it is damaged.
-    """
-    data = json.loads((folder / KEPT).read_text(encoding="utf-8"))
-    return Kept(
-        dict(data["source"]),
-        dict(data["facts"]),
-        dict(data["left_out"]),
-        [(str(name), str(way)) for name, way in data.get("found", ())],
-        list(data.get("by_hand", ())),
-        dict(data.get("painted", {})),
-    )
 
 
 @dataclass(frozen=True)
@@ -125,18 +77,21 @@ def solved_views(
     path: Path,
     folder: Path,
     options: SolvingOptions,
+    cleaning: CleaningOptions,
     progress: Progress,
     left_out: LeaveOut,
     heard: Heard = unheard,
 ) -> dict[str, Any]:
     """Writes the clean views of photographs whose cameras are solved; those of an earlier run are kept.
 
-    Where masks were painted since, or taken away, the views are made anew with the cameras that are kept.
+    Where masks were painted since, or taken away, or other views are asked for, those are made anew with the cameras
+    that are kept.
 
     Args:
         path: a folder of photographs, or a video.
         folder: of the views.
         options: of the solver.
+        cleaning: of the views.
         progress: told at least every second.
         left_out: told which pictures became no view, and why.
         heard: told how each view was cut out.
@@ -148,12 +103,12 @@ def solved_views(
     if folder.resolve() == path.resolve():
         raise ArmError(f"{folder}: holds the pictures, and would be written over; choose another --output")
     source = _source(path, options)
-    kept, painted = _kept(folder, source), _painted(folder)
-    if kept is not None and kept.painted != painted:
-        kept = _cleaned_anew(path, folder, kept, painted, progress)
+    kept, painted = kept_of(folder, source), _painted(folder)
+    if kept is not None and (kept.painted, kept.views) != (painted, cleaning.views):
+        kept = _cleaned_anew(path, folder, kept, painted, cleaning, progress)
     reused = kept is not None
     if kept is None:
-        kept = _solved(path, folder, source, painted, options, progress)
+        kept = _solved(path, folder, Kept(source, {}, {}, [], [], painted, cleaning.views), options, progress)
     for name, way in kept.ways:
         heard(name, way)
     for name, reason in kept.left_out.items():
@@ -164,12 +119,15 @@ def solved_views(
 def _solved(
     path: Path,
     folder: Path,
-    source: dict[str, Any],
-    painted: dict[str, list[int]],
+    asked: Kept,
     options: SolvingOptions,
     progress: Progress,
 ) -> Kept:
-    """The views of photographs whose cameras are solved, and the masks that were found, in `folder`."""
+    """The views of photographs whose cameras are solved, and the masks that were found, in `folder`.
+
+    Args:
+        asked: what the views depend on; the rest is found.
+    """
     ways: list[tuple[str, str]] = []
     with tempfile.TemporaryDirectory(prefix="arm-photographs-") as name:
         masks = Path(name, "masks")
@@ -180,15 +138,22 @@ def _solved(
             ways.append((picture, way))
 
         found = solved(paths, path, masks, options, part(progress, 0.1, 0.75), heard)
-        kept = Kept(source, found.facts, {}, ways, [], painted)
+        kept = replace(asked, facts=found.facts, found=ways)
         kept = _cleaned(found.capture, folder, kept, part(progress, 0.75, 1.0))
         _keep_masks(found.capture, folder / FOUND)
     write_json(folder / KEPT, asdict(kept))
     return kept
 
 
-def _cleaned_anew(path: Path, folder: Path, kept: Kept, painted: dict[str, list[int]], progress: Progress) -> Kept:
-    """As `_solved`, with the cameras and the masks of an earlier run: other masks have been painted since."""
+def _cleaned_anew(
+    path: Path,
+    folder: Path,
+    kept: Kept,
+    painted: dict[str, list[int]],
+    cleaning: CleaningOptions,
+    progress: Progress,
+) -> Kept:
+    """As `_solved`, with the cameras and the masks of an earlier run: other masks were painted, or views asked for."""
     with tempfile.TemporaryDirectory(prefix="arm-photographs-") as name:
         paths = _photographs(path, Path(name), part(progress, 0.0, 0.3))
         try:
@@ -196,7 +161,8 @@ def _cleaned_anew(path: Path, folder: Path, kept: Kept, painted: dict[str, list[
         except CameraError as error:  # Of an earlier version: its views are read with the painted masks beside them.
             logger.info("%s", error)
             return kept
-        kept = _cleaned(capture, folder, replace(kept, painted=painted), part(progress, 0.3, 1.0))
+        kept = replace(kept, painted=painted, views=cleaning.views)
+        kept = _cleaned(capture, folder, kept, part(progress, 0.3, 1.0))
     write_json(folder / KEPT, asdict(kept))
     return kept
 
@@ -210,7 +176,7 @@ def _cleaned(capture: Capture, folder: Path, kept: Kept, progress: Progress) -> 
         if way == PAINTED:
             by_hand.append(picture)
 
-    clean_views(capture, folder, CleaningOptions(), progress, reasons.__setitem__, heard)
+    clean_views(capture, folder, CleaningOptions(views=kept.views), progress, reasons.__setitem__, heard)
     return replace(kept, left_out=reasons, by_hand=by_hand)
 
 
@@ -275,17 +241,6 @@ def _source(path: Path, options: SolvingOptions) -> dict[str, Any]:
     files += [mask for file in files if (mask := mask_beside(file, file.parent)) is not None]
     states = [(file.name, file.stat()) for file in files if file.is_file()]
     return {"seed": options.seed, "files": [[name, state.st_size, state.st_mtime_ns] for name, state in states]}
-
-
-def _kept(folder: Path, source: dict[str, Any]) -> Kept | None:
-    """What an earlier run wrote of the same pictures, where its views are still there."""
-    try:
-        kept = read_kept(folder)
-        frames = json.loads((folder / TRANSFORMS).read_text(encoding="utf-8"))["frames"]
-        same = kept.source == source and all((folder / frame["file_path"]).is_file() for frame in frames)
-        return kept if same else None
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
 
 
 def _painted(folder: Path) -> dict[str, list[int]]:

@@ -17,6 +17,7 @@ from torch import Tensor
 
 from ..errors import CameraError, InputImageError
 from ..graphics.cameras import Camera
+from ..knobs import MOST_VIEWS
 from ..machine.files import write_json
 from ..machine.picture_files import SUFFIXES
 from .mask_files import mask_beside
@@ -24,8 +25,6 @@ from .posed_frame import LARGEST, PosedFrame, number
 
 TRANSFORMS = "transforms.json"
 """The file's name in a folder of views."""
-
-MAXIMUM_VIEWS = 16
 
 _DISTORTION = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 _RIGID_TOLERANCE = 1e-3
@@ -42,8 +41,8 @@ def read_transforms(path: Path) -> tuple[PosedFrame, ...]:
     frames, missing = read_frames(path)
     if missing:
         raise InputImageError(f"{missing[0]}: no such picture in {path.parent}; correct file_path or add the file")
-    if len(frames) > MAXIMUM_VIEWS:
-        raise CameraError(f"{path}: {len(frames)} frames; keep at most {MAXIMUM_VIEWS} that look from all around")
+    if len(frames) > MOST_VIEWS:
+        raise CameraError(f"{path}: {len(frames)} frames; keep at most {MOST_VIEWS} that look from all around")
     for frame in frames:
         if frame.is_bent:
             reason = ", ".join(frame.distortion) or f"camera_model {frame.model}"

@@ -54,7 +54,7 @@ EXTREMES = {
     "opaque": lambda: painted(0.5, alpha=1.0),
     "one pixel": one_pixel,
     "one view": lambda: ball_views(0.7, views=1),
-    "sixteen views": lambda: ball_views(0.7, views=16),
+    "thirty-two views": lambda: ball_views(0.7, views=32),
     "one view six times": lambda: ball_views(0.7).only([0] * 6),
     "a camera 0.01 from the surface": lambda: with_camera_at(0.71),
     "a camera on the surface": lambda: with_camera_at(0.7),

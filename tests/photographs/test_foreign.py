@@ -80,6 +80,11 @@ def test_what_does_as_it_is_needs_no_cleaning(tmp_path):
     for count, fields, needed in ((16, PINHOLE, False), (17, PINHOLE, True), (2, FIELDS, True)):
         path = write_transforms_json(tmp_path / "transforms.json", names[:count], orbit(count), **fields)
         assert needs_cleaning(path) is needed and needs_cleaning(tmp_path) is needed
+    known = [{"known": [0, 0, 64, 48]}] * 17
+    write_transforms_json(path, names, orbit(17), **PINHOLE, frames=known)
+    assert not needs_cleaning(path), "views that were made here are as many as were asked for"
+    write_transforms_json(path, names[:11] * 3, orbit(33), **PINHOLE, frames=(known * 2)[:33])
+    assert needs_cleaning(path), "nobody reads so many"
     (tmp_path / names[1]).unlink()
     write_transforms_json(path, names[:2], orbit(2), **PINHOLE)
     assert needs_cleaning(tmp_path)

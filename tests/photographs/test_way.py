@@ -5,6 +5,7 @@ import torch
 
 from arm_blender.photographs import way
 from arm_blender.photographs.cameras.solving import SolvingOptions
+from arm_blender.photographs.clean_views import CleaningOptions
 from arm_blender.photographs.solved import SOLVED
 from arm_blender.progress import silent
 from arm_blender.report import Report
@@ -25,9 +26,11 @@ def solutions(shoe, monkeypatch):
     return solve_quickly(monkeypatch, shoe)
 
 
-def made(shoe, folder) -> Report:
+def made(shoe, folder, views: int = 16) -> Report:
     report = Report("small", "cpu", 0)
-    report.photographs = way.solved_views(shoe, folder, SolvingOptions(), silent, report.leave_out, report.note_mask)
+    report.photographs = way.solved_views(
+        shoe, folder, SolvingOptions(), CleaningOptions(views=views), silent, report.leave_out, report.note_mask
+    )
     return report
 
 
@@ -60,6 +63,16 @@ def test_a_painted_mask_has_views_made_anew_and_nothing_solved(tmp_path, shoe, s
     report = made(shoe, folder)
     assert len(solutions) == 1 and "painted mask" not in report.masks and report.all_doubts
     assert (folder / "IMG_0001.png").read_bytes() == before["IMG_0001"]
+
+
+def test_another_number_of_views_solves_nothing(tmp_path, shoe, solutions):
+    folder = tmp_path / "views"
+    made(shoe, folder)
+    whole = len(load_views(folder).cameras)
+    made(shoe, folder, views=whole - 1)
+    assert len(load_views(folder).cameras) == whole - 1
+    assert made(shoe, folder).photographs["reused"] is True
+    assert len(load_views(folder).cameras) == whole and len(solutions) == 1
 
 
 def test_other_pictures_are_solved_anew(tmp_path, shoe, solutions):

@@ -98,7 +98,7 @@ def test_intrinsics_follow_a_scaled_picture(folder):
         ({"frames": [{"file_path": "0.png", "transform_matrix": [[2.0, 0, 0, 0], *IDENTITY[1:]]}]}, "rigid"),
         ({"frames": [{"file_path": "0.png", "transform_matrix": [[-1.0, 0, 0, 0], *IDENTITY[1:]]}]}, "rigid"),
         ({"frames": [{"file_path": "0.png", "transform_matrix": IDENTITY, "weight": -1}]}, "weight"),
-        ({"frames": [{"file_path": "0.png", "transform_matrix": IDENTITY}] * 17}, "at most 16"),
+        ({"frames": [{"file_path": "0.png", "transform_matrix": IDENTITY}] * 33}, "at most 32"),
         ({"camera_angle_x": "wide"}, "camera_angle_x"),
         ({"camera_angle_x": 30.0}, "radians"),
         ({"camera_angle_x": None}, "camera_angle_x"),

@@ -56,9 +56,9 @@ class ToldPicture:
 def told_pictures(folder: Path) -> tuple[ToldPicture, ...]:
     """Of every photograph that the views in `folder` were made of, by name; none where nothing is kept there."""
     from ...photographs.cut_out import PAINTED
+    from ...photographs.kept import read_kept
     from ...photographs.painted import UNUSED, older_views
     from ...photographs.solved import SOLVED
-    from ...photographs.way import read_kept
     from ...report import DOUBTFUL
     from ...views.mask_files import FOLDER as MASKS
     from ...views.transforms_json import TRANSFORMS
