@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..documents import fill_block
-from .tables.capture_table import save_sheet, summary, write_results
+from .tables.capture_table import save_overview, save_sheet, summary, write_results
 from .trials.capture_trial import CaptureResult, measure_capture
 from .trials.trial import Trial
 from .truth.captured import CapturedObject
@@ -26,7 +26,7 @@ def run(
     document: Path | None,
     command: str,
 ) -> int:
-    """Measure every capture; `captures.md`, `captures.json` and a sheet of each in `output`.
+    """Measure every capture; `captures.md`, `captures.json` a sheet of each and `overview.jpg` in `output`.
 
     Args:
         captures: of the objects of `entries`, whose truth lies whole in `cache`.
@@ -44,6 +44,7 @@ def run(
         logger.info("%d of %d, %s: %s", index + 1, len(captures), capture.name, result.answer.said)
         save_sheet(output / f"{capture.name}.jpg", capture, found)
         write_results(output, results, command)
+    save_overview(output / "overview.jpg", [output / f"{capture.name}.jpg" for capture in captures])
     text = summary(results, command)
     if document is not None:
         fill_block(document, "captures", text)

@@ -5,12 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from arm_blender.errors import ArmError
 from arm_blender.graphics.cameras import orbit_camera
 from training.evaluation.scores.geometry import GeometryScores
 from training.evaluation.scores.image_scores import MISSED
-from training.evaluation.tables.capture_table import summary
+from training.evaluation.tables.capture_table import save_overview, summary
+from training.evaluation.tables.contact_sheet import CAPTION, TILE
 from training.evaluation.trials.capture_trial import (
     DOUBTFUL,
     REFUSED,
@@ -96,3 +98,16 @@ def test_captures_are_read_as_they_are_rendered(tmp_path):
         captured_objects(tmp_path)
     with pytest.raises(ArmError, match="no captures"):
         captured_objects(tmp_path / "elsewhere")
+
+
+def test_the_overview_has_a_column_of_every_sheet(tmp_path):
+    sheets = []
+    for index, (color, rows) in enumerate({"red": 4, "lime": 1}.items()):  # A refused capture has photographs alone.
+        sheets.append(tmp_path / f"{index}.jpg")
+        Image.new("RGB", (4 * TILE, rows * (TILE + CAPTION)), color).save(sheets[-1], quality=95)
+    save_overview(tmp_path / "overview.jpg", sheets)
+    with Image.open(tmp_path / "overview.jpg") as image:
+        low = image.height - 20
+        shown = [image.getpixel(at) for at in ((40, 40), (40, low), (TILE // 2 + 40, 40), (TILE // 2 + 40, low))]
+    for found, wanted in zip(shown, [(255, 0, 0), (255, 0, 0), (0, 255, 0), (255, 255, 255)], strict=True):
+        assert max(abs(a - b) for a, b in zip(found, wanted, strict=True)) < 12

@@ -15,11 +15,17 @@ from ..trials.capture_trial import DOUBTFUL, REFUSED, CaptureResult
 from ..trials.measure import SystemResult
 from ..truth.captured import CapturedObject
 from ..truth.truth import Appearance
-from .contact_sheet import TILE, tiled
+from .contact_sheet import CAPTION, TILE, tiled
 from .report_text import finite
 
 SHOWN = 4
 """Photographs of a capture on its sheet."""
+
+SHEET_ROWS = 4
+"""Of a sheet: photographs, albedo, lit and relit."""
+
+ABREAST = 12
+"""Captures side by side in an overview."""
 
 MOSTLY = 0.9
 """Of the pictures, the share that has to be right for a capture to count as solved."""
@@ -74,6 +80,20 @@ def save_sheet(path: Path, capture: CapturedObject, found: Appearance | None) ->
                 rows.append([(name, image) for image in white[:SHOWN]])
     with whole_file(path) as temporary:
         tiled(rows, SHOWN).save(temporary, format="JPEG", quality=90)
+
+
+def save_overview(path: Path, sheets: Sequence[Path]) -> None:
+    """A column of each of the `sheets`, as `save_sheet` writes them, side by side: half as large, a dozen in a row."""
+    rows = -(-len(sheets) // ABREAST)
+    width, height = TILE // 2, (TILE + CAPTION) * SHEET_ROWS // 2
+    found = Image.new("RGB", (ABREAST * width, rows * height), "white")
+    for index, sheet in enumerate(sheets):
+        with Image.open(sheet) as image:
+            column = image.crop((TILE, 0, 2 * TILE, image.height))
+        column = column.resize((width, column.height // 2), Image.Resampling.LANCZOS)
+        found.paste(column, (index % ABREAST * width, index // ABREAST * height))
+    with whole_file(path) as temporary:
+        found.save(temporary, format="JPEG", quality=88)
 
 
 def _photographs(capture: CapturedObject) -> list[torch.Tensor]:
