@@ -142,7 +142,7 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
         _check_inputs(args, written_names(views.name, kinds))
         return views
 
-    own_mesh = None if args.mesh is None else lambda views: read_mesh(args.mesh)
+    own_mesh = None if args.mesh is None else lambda views: read_mesh(args.mesh, report.leave_out)
     drawing = 0.6 if args.multiview != "none" or made else run_of.LOADING_SHARE
     asset = run_of.make(settings, read_views, own_mesh, part(progress, 0.0, 0.85), report, drawing)
     frame = IDENTITY
