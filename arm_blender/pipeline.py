@@ -27,6 +27,7 @@ from .uv.backproject import backproject, texture_size_for
 from .uv.blend import blend
 from .uv.decimate import clean, decimate
 from .uv.exposure import evened, gains
+from .uv.given.winding import facing_out
 from .uv.normal_map import bake_normal_map
 from .uv.texels import texel_map
 from .uv.unwrap import UnwrapConfig, unwrap
@@ -85,7 +86,9 @@ def generate(
             dense: TriangleMesh | None = None
             if mesh is not None:
                 report.leave_out("reconstruction of the shape", "the shape is given")
-                mesh = mesh.to(settings.device).moved(frame.boxed)
+                mesh, turned = facing_out(mesh.to(settings.device).moved(frame.boxed), views.cameras)
+                if turned > 0.0:
+                    report.leave_out(f"the side that {turned:.0%} of the faces looked to", "it was the inner one")
             else:
                 dense = shape(views, settings, part(progress, *SHARES["shape"]), report)
                 mesh = decimate(dense, settings.resolved.faces)
