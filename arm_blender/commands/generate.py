@@ -122,6 +122,7 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
     check_output(args.output)
     report = run_of.begin(args.preset, args.device, args.seed, progress)
     from ..export import write_asset, written_names
+    from ..export.one_asset import check_asset_folder, source_of
     from ..photographs.cameras.solving import SolvingOptions
     from ..photographs.intake import load_views, views_are_made
     from ..uv.mesh_file import read_mesh
@@ -140,6 +141,8 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
         if len(os.fsencode(views.name)) > LONGEST_NAME:
             raise InputImageError(f"{args.views}: the name is too long for the files made of it; rename it")
         _check_inputs(args, written_names(views.name, kinds))
+        check_asset_folder(args.output, views.name, args.views)
+        report.name, report.views = views.name, source_of(args.views, args.output)
         return views
 
     own_mesh = None if args.mesh is None else lambda views: read_mesh(args.mesh, report.leave_out)

@@ -46,6 +46,17 @@ def test_what_is_read_is_not_written_over(pipeline, picture, tmp_path, capsys):
     assert run("generate", picture, "--mesh", out / "cup.glb", "--output", tmp_path / "other") == 0
 
 
+def test_a_second_object_is_not_put_into_the_folder_of_the_first(pipeline, picture, tmp_path, capsys):
+    """With USD and OBJ both would name the same textures; the first one made again replaces itself."""
+    words = "--output", tmp_path / "out", "--export", "obj,usd"
+    assert run("generate", picture, *words) == 0
+    before = {path: path.read_bytes() for path in (tmp_path / "out").rglob("*.*")}
+    assert run("generate", a_picture(tmp_path / "mug.png"), *words) == 1
+    assert "out: holds the asset cup" in capsys.readouterr().err and len(pipeline) == 1
+    assert {path: path.read_bytes() for path in (tmp_path / "out").rglob("*.*")} == before
+    assert run("generate", picture, *words) == 0 and len(pipeline) == 2
+
+
 def test_json_is_all_there_is_on_stdout(pipeline, picture, tmp_path, capsys):
     assert run("generate", picture, "--output", tmp_path / "out", "--json") == 0
     captured = capsys.readouterr()
