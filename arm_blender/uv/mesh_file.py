@@ -16,7 +16,7 @@ from .given.ply_file import arrays_of_ply
 from .given_mesh import LeaveOut, mesh_from_arrays, unheard
 
 Y_UP = {".glb", ".gltf"}
-"""Formats whose up axis is Y by specification; all others are taken as they are."""
+"""Formats whose up axis is Y by specification; of all others only the views can tell (`views.mesh_fit.up_axis`)."""
 
 Part = tuple[NDArray[Any], NDArray[Any], NDArray[Any] | None]
 """(N, 3) vertices, (F, 3) faces, and (F, 3, 2) UVs of their corners or None."""
