@@ -86,10 +86,9 @@ class Report:
         if note not in self.left_out:
             self.left_out.append(note)
 
-    def doubt(self, why: str) -> None:
-        """Notes why the result may be wrong; once, however often it is said."""
-        if why not in self.doubts:
-            self.doubts.append(why)
+    def doubt(self, *reasons: str) -> None:
+        """Notes why the result may be wrong; each reason once, however often it is said."""
+        self.doubts += [why for why in dict.fromkeys(reasons) if why not in self.doubts]
 
     def note_mask(self, picture: str, way: str) -> None:
         """Notes by which way a picture was cut out, or what is doubtful about its mask (`DOUBTFUL`, then why)."""

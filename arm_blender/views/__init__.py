@@ -124,6 +124,7 @@ def view_set(
         known=None if all(view.known is None for view in views) else known,
         ground=views[0].ground,
         varying_exposure=any(view.varying_exposure for view in views),
+        pictures=tuple(view.path.name for view in views),
     )
 
 

@@ -12,13 +12,16 @@ from ...graphics.meshes import face_normals
 from ...graphics.raster.rasterize import rasterize
 from ...structures import TriangleMesh, UvMesh
 
+_TURNED = 3.0
+"""Times as many pixels as in front, from behind, at which a patch is turned: a fin is seen from both of its sides."""
+
 _SIDE = 256
 """Pixels of the longer side of the pictures that are counted."""
 
 
 @torch.no_grad()
 def facing_out(mesh: TriangleMesh | UvMesh, cameras: Sequence[Camera]) -> tuple[TriangleMesh | UvMesh, float]:
-    """The mesh with every patch turned that the cameras see from behind rather than from in front.
+    """The mesh with every patch turned that the cameras see from behind, and hardly from in front.
 
     A patch is of faces that agree across their edges on which side is out. One that no camera sees stays.
 
@@ -31,8 +34,8 @@ def facing_out(mesh: TriangleMesh | UvMesh, cameras: Sequence[Camera]) -> tuple[
     pairs = manifold_pairs(mesh.faces) // 3
     patch = components(pairs, len(mesh.faces))
     count = int(patch.max()) + 1
-    turned = before.new_zeros(count).index_add(0, patch, behind) > before.new_zeros(count).index_add(0, patch, before)
-    turn = turned[patch]
+    front, back = (before.new_zeros(count).index_add(0, patch, pixels) for pixels in (before, behind))
+    turn = (back > _TURNED * front)[patch]
     if not bool(turn.any()):
         return mesh, 0.0
     share = float(turn.float().mean())
