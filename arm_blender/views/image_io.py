@@ -271,6 +271,13 @@ def _upright(pixels: NDArray[np.float32], orientation: int) -> NDArray[np.float3
     return pixels
 
 
+def as_stored(image: Tensor, orientation: int) -> Tensor:
+    """An upright picture (C, H, W) as the rows of its file have it, whose EXIF orientation is 1 to 8."""
+    undone = {6: 8, 8: 6}.get(orientation, orientation)  # All others undo themselves.
+    pixels = _upright(image.permute(1, 2, 0).numpy(), undone)
+    return torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1)))
+
+
 def _straight(color: Tensor, alpha: Tensor) -> Tensor:
     """(3, H, W) straight colour of premultiplied `color`; 0 where `alpha` (1, H, W) is 0."""
     return torch.where(alpha > 0.0, color / alpha.clamp(min=1e-6), torch.zeros_like(color))
