@@ -27,7 +27,9 @@ from .uv.backproject import backproject, texture_size_for
 from .uv.blend import blend
 from .uv.decimate import clean, decimate
 from .uv.exposure import evened, gains
+from .uv.given.winding import facing_out
 from .uv.normal_map import bake_normal_map
+from .uv.off_colors import off_colors
 from .uv.texels import texel_map
 from .uv.unwrap import UnwrapConfig, unwrap
 from .views.scene_frame import normalise
@@ -85,7 +87,9 @@ def generate(
             dense: TriangleMesh | None = None
             if mesh is not None:
                 report.leave_out("reconstruction of the shape", "the shape is given")
-                mesh = mesh.to(settings.device).moved(frame.boxed)
+                mesh, turned = facing_out(mesh.to(settings.device).moved(frame.boxed), views.cameras)
+                if turned > 0.0:
+                    report.leave_out(f"the side that {turned:.0%} of the faces looked to", "it was the inner one")
             else:
                 dense = shape(views, settings, part(progress, *SHARES["shape"]), report)
                 mesh = decimate(dense, settings.resolved.faces)
@@ -115,7 +119,6 @@ def shape(
     """GeoRM, its iso-surface, cleaned and freed of the grid's steps (ARM, section 5.1)."""
     report = report or Report(settings.preset, settings.device, settings.seed)
     surface = _surface(views, settings, report, part(progress, 0.0, 0.9))
-    # By now the network's memory is free.
     progress(0.9, "cleaning the mesh")
     return fair(clean(surface), PRESETS[settings.preset].fairing)
 
@@ -205,9 +208,9 @@ def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report,
     known = (weight > 0.0) & texels.mask
     report.seen_share = float(known.sum() / texels.mask.sum().clamp(min=1))
     if len(views.cameras) >= ALL_AROUND and report.seen_share < SEEN and settings.random_weights is None:
-        report.doubt(
-            f"{len(views.cameras)} views see {report.seen_share:.0%} of the surface; their masks may not fit together"
-        )
+        share = f"{report.seen_share:.0%} of the surface"
+        report.doubt(f"{len(views.cameras)} views see {share}; check whether their masks and cameras fit together")
+    report.doubt(*off_colors(seen, colors, views.called))
     if report.seen_share == 1.0:
         report.leave_out("in-painting", "every texel was seen")
     progress(0.26, "filling unseen texels")

@@ -36,6 +36,8 @@ class Report:
         device: where the networks ran.
         seed: of the random generators.
         version: of the program.
+        name: of the asset; None before it has one.
+        views: what it was made of, as `export.one_asset.source_of` names that.
         seconds: per stage, in the order in which they began; a stage that runs twice adds up.
         faces: triangles of the result.
         charts: charts of its atlas.
@@ -54,6 +56,8 @@ class Report:
     device: str
     seed: int
     version: str = VERSION
+    name: str | None = None
+    views: str | None = None
     seconds: dict[str, float] = field(default_factory=dict)
     faces: int | None = None
     charts: int | None = None
@@ -82,10 +86,9 @@ class Report:
         if note not in self.left_out:
             self.left_out.append(note)
 
-    def doubt(self, why: str) -> None:
-        """Notes why the result may be wrong; once, however often it is said."""
-        if why not in self.doubts:
-            self.doubts.append(why)
+    def doubt(self, *reasons: str) -> None:
+        """Notes why the result may be wrong; each reason once, however often it is said."""
+        self.doubts += [why for why in dict.fromkeys(reasons) if why not in self.doubts]
 
     def note_mask(self, picture: str, way: str) -> None:
         """Notes by which way a picture was cut out, or what is doubtful about its mask (`DOUBTFUL`, then why)."""
@@ -105,6 +108,8 @@ class Report:
         """The report as JSON types; `peak_memory_mib` is the process's highest resident size until now."""
         return {
             "version": self.version,
+            "name": self.name,
+            "views": self.views,
             "preset": self.preset,
             "device": self.device,
             "seed": self.seed,

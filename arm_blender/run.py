@@ -51,9 +51,11 @@ def make(
         ArmError: as the stages; `Cancelled` from `progress`.
     """
     from . import pipeline
+    from .views.doubts import doubts
 
     with report.stage("views"):
         views = read_views(part(progress, 0.0, loading_share), report)
+        report.doubt(*doubts(views))
         mesh = None if read_mesh is None else read_mesh(views)
     asset, _ = pipeline.generate(views, settings, part(progress, loading_share, 1.0), report, mesh)
     return asset

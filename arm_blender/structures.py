@@ -23,6 +23,7 @@ class ViewSet:
         ground: height (world Z) of what the object stands on, where that is known.
         varying_exposure: the camera exposed by itself, each view for it alone.
         length: how long the object's longest side is to become, in units of the result; None leaves it as it is seen.
+        pictures: of each view the name of its picture, for messages; None where they have none.
     """
 
     images: Tensor
@@ -33,6 +34,7 @@ class ViewSet:
     ground: float | None = None
     varying_exposure: bool = False
     length: float | None = None
+    pictures: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         views = self.images.shape[0]
@@ -42,6 +44,11 @@ class ViewSet:
             raise ValueError(f"{views} views, {len(self.cameras)} cameras, weights {tuple(self.weights.shape)}")
         if self.known is not None and len(self.known) != views:
             raise ValueError(f"{views} views, known pixels of {len(self.known)}")
+
+    @property
+    def called(self) -> tuple[str, ...]:
+        """Of each view what a message calls it."""
+        return self.pictures or tuple(f"view {index}" for index in range(len(self.cameras)))
 
     @property
     def rectangles(self) -> tuple[Rectangle, ...]:
@@ -63,7 +70,9 @@ class ViewSet:
         keep = list(indices)
         cameras = tuple(self.cameras[i] for i in keep)
         known = None if self.known is None else tuple(self.known[i] for i in keep)
-        return replace(self, images=self.images[keep], cameras=cameras, weights=self.weights[keep], known=known)
+        pictures = None if self.pictures is None else tuple(self.pictures[i] for i in keep)
+        images, weights = self.images[keep], self.weights[keep]
+        return replace(self, images=images, cameras=cameras, weights=weights, known=known, pictures=pictures)
 
 
 @dataclass(frozen=True)

@@ -76,3 +76,17 @@ def test_a_single_picture_that_cuts_its_object_says_so_of_its_crop(tmp_path):
     opaque = torch.nonzero(views.images[0, 3] > 0.5)[:, 0]
     assert bottom == int(opaque.max()) + 1 < views.images.shape[2], "the picture ends where the object is cut"
     assert 0 <= left < right and 0 <= top < bottom
+
+
+def test_where_pictures_cropped_around_an_object_frame_nothing_nothing_is():
+    views = ball_views(RADIUS, SIZE)
+    window = slice(SIZE // 5, SIZE - SIZE // 5)
+    images = torch.nn.functional.interpolate(views.images[:, :, window, window], (SIZE, SIZE), mode="bilinear")
+    assert float(images[:, 3, [0, -1]].max()) == 0.0 and float(images[:, 3, :, [0, -1]].max()) == 0.0, "it is whole"
+    scale, start = SIZE / (window.stop - window.start), torch.tensor([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0] * 3])
+    cameras = tuple(
+        replace(camera, K=torch.diag(torch.tensor([scale, scale, 1.0])) @ (camera.K - window.start * start))
+        for camera in views.cameras
+    )
+    mesh = pipeline.shape(replace(views, images=images, cameras=cameras), QUICK)
+    assert float(mesh.vertices.norm(dim=1).max()) < RADIUS + 0.1

@@ -143,7 +143,8 @@ def test_a_mesh_with_edges_of_three_faces_keeps_them(views):
     tip = torch.tensor([[0.0, -0.9, 0.0]])
     vertices, faces = torch.cat([cylinder.vertices, tip]), torch.cat([cylinder.faces, torch.tensor([[a, b, 50]])])
     asset, report = pipeline.generate(views, QUICK, mesh=TriangleMesh(vertices, faces))
-    assert torch.equal(asset.mesh.faces, faces) and report.seen_share > 0.5
+    found, given = (one.sort(dim=1).values for one in (asset.mesh.faces, faces))
+    assert torch.equal(found, given) and report.seen_share > 0.5, "all are there; a fin seen from behind is turned"
 
 
 def test_a_mesh_that_no_view_sees_is_said(views):

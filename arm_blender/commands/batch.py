@@ -19,13 +19,14 @@ from ..errors import ArmError, InputImageError
 from ..knobs import Knobs, ViewKnobs, knobs_of
 from ..machine.files import check_output, clear_unfinished, distinct
 from ..version import VERSION
-from . import UsageError, generate, workers
+from . import UsageError, generate, mesh_file, workers
 
 logger = logging.getLogger(__name__)
 
 _COLUMNS: dict[str, tuple[str, Callable[[str], Any]]] = {
     **{one.column: (one.name, one.kind) for kind in (Knobs, ViewKnobs) for one in knobs_of(kind) if one.listed},
     "mesh": ("mesh", Path),
+    "mesh_up": ("mesh_up", mesh_file.up),
     "place": ("place", generate.placement),
 }
 """What an item may say for itself, besides `views` and `name`, with the option that it is; all else is said once."""

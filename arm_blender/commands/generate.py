@@ -10,6 +10,7 @@ import json
 import os
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,7 @@ from ..errors import ArmError, InputImageError
 from ..knobs import DrawingKnobs, Knobs, ViewKnobs, knobs_of, values_of
 from ..machine.files import check_output
 from ..progress import part
-from . import UsageError
+from . import UsageError, mesh_file
 
 if TYPE_CHECKING:
     from ..config import Settings
@@ -52,6 +53,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     _add_knobs(views, DrawingKnobs)
     result = parser.add_argument_group("result")
     result.add_argument("--mesh", type=Path, metavar="FILE", help="your mesh: only its texture is made")
+    result.add_argument(
+        "--mesh-up",
+        type=mesh_file.up,
+        default="auto",
+        metavar="AXIS",
+        help="of an OBJ, PLY or STL: y, z, or auto (default): what fits the views",
+    )
     result.add_argument(
         "--place",
         type=placement,
@@ -122,9 +130,9 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
     check_output(args.output)
     report = run_of.begin(args.preset, args.device, args.seed, progress)
     from ..export import write_asset, written_names
+    from ..export.one_asset import check_asset_folder, source_of
     from ..photographs.cameras.solving import SolvingOptions
     from ..photographs.intake import load_views, views_are_made
-    from ..uv.mesh_file import read_mesh
     from ..views.placement import on_the_ground
     from ..views.scene_frame import IDENTITY
 
@@ -140,9 +148,11 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
         if len(os.fsencode(views.name)) > LONGEST_NAME:
             raise InputImageError(f"{args.views}: the name is too long for the files made of it; rename it")
         _check_inputs(args, written_names(views.name, kinds))
+        check_asset_folder(args.output, views.name, args.views)
+        report.name, report.views = views.name, source_of(args.views, args.output)
         return views
 
-    own_mesh = None if args.mesh is None else lambda views: read_mesh(args.mesh)
+    own_mesh = None if args.mesh is None else partial(mesh_file.own_mesh, args.mesh, args.mesh_up, report)
     drawing = 0.6 if args.multiview != "none" or made else run_of.LOADING_SHARE
     asset = run_of.make(settings, read_views, own_mesh, part(progress, 0.0, 0.85), report, drawing)
     frame = IDENTITY

@@ -40,12 +40,12 @@ def continued(image: Tensor, known: Rectangle) -> tuple[Tensor, Tensor]:
     Args:
         image: (4, H, W), alpha last; transparent outside of `known`.
     Returns:
-        (4, H, W), `image` itself where nothing is cut; and (4,) left, top, right and bottom in [-1, 1] of H x W of what
-        the picture tells: a border that cuts nothing lies at the end, for nothing is beyond it.
+        (4, H, W), `image` itself where nothing is cut; and (4,) left, top, right and bottom of what the picture tells,
+        its ends being -1 and 1: infinite where a border cuts nothing, for then nothing is beyond it, however far.
     """
     cut = cut_sides(image[3], known)
     height, width = image.shape[1:]
-    told = torch.tensor([-1.0, -1.0, 1.0, 1.0])
+    told = torch.tensor([-torch.inf, -torch.inf, torch.inf, torch.inf])
     if not any(cut):
         return image, told
     left, top, right, bottom = known

@@ -5,7 +5,7 @@ from pathlib import Path
 from ..errors import CameraError, InputImageError
 from ..knobs import MOST_VIEWS, USUAL_VIEWS
 from ..progress import Progress
-from ..views.transforms_json import TRANSFORMS, read_frames
+from ..views.transforms_json import read_frames, transforms_in
 from .capture import Capture
 from .colmap.model import capture_of_colmap, model_folder
 from .transforms_capture import capture_of_transforms
@@ -62,4 +62,4 @@ def _transforms(path: Path) -> Path | None:
     """The transforms.json that `path` is or holds."""
     if path.suffix.lower() == ".json":
         return path
-    return path / TRANSFORMS if path.is_dir() and (path / TRANSFORMS).is_file() else None
+    return transforms_in(path) if path.is_dir() else None

@@ -14,7 +14,7 @@ from ..structures import ViewSet
 from . import preprocess
 from .foreground import Heard, unheard
 from .multiview import View, posed_views, view_alone, views_of_rig
-from .transforms_json import TRANSFORMS
+from .transforms_json import TRANSFORMS, transforms_in
 from .zero123plus.provider import drawn_views
 from .zero123plus.sampling import Zero123PlusConfig
 
@@ -124,18 +124,19 @@ def view_set(
         known=None if all(view.known is None for view in views) else known,
         ground=views[0].ground,
         varying_exposure=any(view.varying_exposure for view in views),
+        pictures=tuple(view.path.name for view in views),
     )
 
 
 def has_cameras(path: Path) -> bool:
     """Whether the views at `path` come with cameras of their own; else they are assumed."""
-    return path.suffix.lower() == ".json" or (path / TRANSFORMS).is_file()
+    return path.suffix.lower() == ".json" or transforms_in(path) is not None
 
 
 def _read(path: Path, options: ViewOptions, progress: Progress, left_out: LeaveOut, heard: Heard) -> list[View]:
     """The views at `path`, by what is there."""
-    if path.is_dir() and options.cameras_from != "rig" and (path / TRANSFORMS).is_file():
-        return _read(path / TRANSFORMS, options, progress, left_out, heard)
+    if path.is_dir() and options.cameras_from != "rig" and (transforms := transforms_in(path)) is not None:
+        return _read(transforms, options, progress, left_out, heard)
     pictures = pictures_in(path) if path.is_dir() else []
     if options.cameras_from == "file" and not path.suffix.lower() == ".json":
         raise CameraError(f"{path}: has no {TRANSFORMS}; add the cameras, or leave --cameras to auto")
@@ -148,7 +149,7 @@ def _read(path: Path, options: ViewOptions, progress: Progress, left_out: LeaveO
     if not path.exists():
         raise InputImageError(f"{path}: no such file or folder; give an image, or a folder of views")
     if path.suffix.lower() == ".json":
-        return posed_views(path, progress, heard)
+        return posed_views(path, progress, heard, left_out)
     if options.multiview == "zero123plus" and options.zero123plus is not None:
         return drawn_views(path, options.zero123plus, options.rig_distance, options.fovy_deg, progress, heard)
     return view_alone(path, options.elevation_deg, options.fovy_deg, progress, heard)
@@ -157,6 +158,6 @@ def _read(path: Path, options: ViewOptions, progress: Progress, left_out: LeaveO
 def _name(path: Path) -> str:
     """What the result is called: the picture's or the folder's name."""
     path = path.resolve()
-    if path.name == TRANSFORMS:
+    if path.suffix.lower() == ".json":
         path = path.parent
     return (path.name if path.is_dir() else path.stem) or "object"

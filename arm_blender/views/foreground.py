@@ -12,6 +12,7 @@ from ..report import DOUBTFUL
 from .cutout import cut_out
 from .masks import Unsure, doubt, sees_something
 from .matting import matted_by_model, matted_by_rembg
+from .opacity import solid
 from .plain_background import plain_foreground
 from .preprocess import check_size, limit_size
 
@@ -35,8 +36,9 @@ def unheard(picture: str, way: str) -> None:
 def foreground(image: Tensor, path: Path, heard: Heard = unheard) -> Tensor:
     """`image` (4, H, W) with an alpha that cuts the object out, linear Rec.709.
 
-    A picture with alpha keeps it; an opaque one gets that of the first way that is sure, found at the size that views
-    keep at most.
+    A picture with alpha keeps it, brought to a scale on which the object is opaque (`opacity.solid`); an opaque one,
+    and one whose alpha is of all of it, gets that of the first way that is sure, found at the size that views keep at
+    most.
 
     Args:
         path: of the picture, for messages.
@@ -47,8 +49,16 @@ def foreground(image: Tensor, path: Path, heard: Heard = unheard) -> Tensor:
     """
     check_size(image, path)
     if bool((image[3] < 0.5).any()):
-        heard(path.name, "alpha")
-        return image
+        alpha = image[3]
+        own = solid(alpha)
+        if own is alpha:
+            heard(path.name, "alpha")
+            return image
+        if bool((own < 0.5).any()):
+            heard(path.name, "alpha")
+            heard(path.name, f"{DOUBTFUL}the object is see-through, and the asset will be opaque")
+            return torch.cat([image[:3], own[None]])
+        image = torch.cat([image[:3], torch.ones_like(image[3:])])
     doubts, limited = [], limit_size(image, path)
     for way, find in WAYS.items():
         try:

@@ -5,6 +5,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio
@@ -17,12 +18,17 @@ from ..graphics.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 from ..machine.files import whole_file
 from ..machine.picture_files import HEIF_SUFFIXES
 from ..machine.quiet import STDERR, silenced
-from .pillow_io import decoded, open_picture, srgb_from_profile, transformed
+from .pillow_io import decoded, is_pillows, open_picture, srgb_from_profile, transformed
 
 logger = logging.getLogger(__name__)
 
 MAXIMUM_SIDE = 8192
 """Pixels a side; larger pictures are refused before they are decoded."""
+
+_MOST_CHANNELS = 64
+"""Of a file, in all of its layers: of each pixel all are decoded."""
+
+_EXIF_ORIENTATION = 274
 
 BAND = 64
 """Rows that are decoded at once, and a little more where tiles are higher."""
@@ -40,16 +46,14 @@ def read_image(path: Path) -> Tensor:
     Raises:
         InputImageError: missing, not a picture, truncated, or larger than `MAXIMUM_SIDE`.
     """
-    if path.suffix.lower() in HEIF_SUFFIXES:
-        _check_file(path)
-        return _heif(path)
+    _check_file(path)
+    if is_pillows(path):
+        return _by_pillow(path)
     with _quiet_decoders():
         source = _opened(path)
         try:
             spec = source.spec()
-            if max(spec.width, spec.height) > MAXIMUM_SIDE:
-                size = f"{spec.width}x{spec.height}"
-                raise InputImageError(f"{path}: {size} pixels; scale it to at most {MAXIMUM_SIDE} a side")
+            _check_claims(spec, path)
             image = np.empty((4, spec.height, spec.width), np.float32)
             # Band by band: the steps from a file's numbers to ours would take several times the picture's memory.
             profile = srgb_from_profile(_profile(spec))
@@ -61,12 +65,16 @@ def read_image(path: Path) -> Tensor:
                 if pixels is None or source.has_error:
                     logger.debug("%s: %s", path, source.geterror())
                     raise InputImageError(f"{path}: the picture is truncated or damaged; export it again")
-                if profile is not None:
-                    pixels[..., :3] = transformed(np.round(pixels[..., :3] * 255.0).astype(np.uint8), profile) / 255.0
-                image[:, top:bottom] = _linear(pixels, spec, source.format_name() == "openexr").numpy()
+                for first in range(0, bottom - top, BAND):
+                    part = _shares(pixels[first : first + BAND])
+                    if profile is not None:
+                        part[..., :3] = transformed(np.round(part[..., :3] * 255.0).astype(np.uint8), profile) / 255.0
+                    rows = slice(top + first, top + first + len(part))
+                    image[:, rows] = _linear(part, spec, _is_premultiplied(source, spec)).numpy()
         finally:
             source.close()
-    upright = _upright(image.transpose(1, 2, 0), spec.get_int_attribute("Orientation", 1))
+        orientation = _orientation(source, spec, path)
+    upright = _upright(image.transpose(1, 2, 0), orientation)
     return torch.from_numpy(np.ascontiguousarray(upright.transpose(2, 0, 1)))
 
 
@@ -76,15 +84,17 @@ def read_orientation(path: Path) -> tuple[int, int, int]:
     Raises:
         InputImageError: missing, or not a picture.
     """
-    if path.suffix.lower() in HEIF_SUFFIXES:
-        _check_file(path)
+    _check_file(path)
+    if is_pillows(path):
         with open_picture(path) as picture:
-            return *picture.size, 1  # Its reader turns it.
+            width, height = picture.size
+            turned = path.suffix.lower() not in HEIF_SUFFIXES and picture.getexif().get(_EXIF_ORIENTATION, 1) >= 5
+            return (height, width, 1) if turned else (width, height, 1)  # Its reader turns it.
     with _quiet_decoders():
         source = _opened(path)
         try:
             spec = source.spec()
-            return spec.width, spec.height, spec.get_int_attribute("Orientation", 1)
+            return spec.width, spec.height, _orientation(source, spec, path)
         finally:
             source.close()
 
@@ -124,7 +134,6 @@ def _opened(path: Path) -> oiio.ImageInput:
     Raises:
         InputImageError: missing, empty, or not a picture.
     """
-    _check_file(path)
     # "Unassociated" hands over the stored colour: OpenImageIO would multiply by alpha in 8 bits and lose the dark ends.
     wish = oiio.ImageSpec()
     wish.attribute("oiio:UnassociatedAlpha", 1)
@@ -133,6 +142,10 @@ def _opened(path: Path) -> oiio.ImageInput:
         reason = oiio.geterror()
         logger.debug("%s: %s", path, reason)
         raise InputImageError(f"{path}: not a readable picture; give a PNG, JPEG, WebP, TIFF, EXR or HDR file")
+    try:
+        source.spec().channelnames  # noqa: B018
+    except UnicodeDecodeError as error:
+        raise InputImageError(f"{path}: the name of a channel is no text; export it again") from error
     return source
 
 
@@ -148,8 +161,25 @@ def _check_file(path: Path) -> None:
         raise InputImageError(f"{path}: the name is no UTF-8; rename the file or its folder") from error
 
 
-def _heif(path: Path) -> Tensor:
-    """`read_image` of a HEIC file."""
+def _orientation(source: oiio.ImageInput, spec: oiio.ImageSpec, path: Path) -> int:
+    """The EXIF orientation, 1 to 8, of an open picture; OpenImageIO reads none from WebP."""
+    if source.format_name() != "webp":
+        found = spec.get_int_attribute("Orientation", 1)
+    else:
+        with open_picture(path) as picture:
+            found = picture.getexif().get(_EXIF_ORIENTATION, 1)
+    return found if found in range(1, 9) else 1
+
+
+def _is_premultiplied(source: oiio.ImageInput, spec: oiio.ImageSpec) -> bool:
+    """Whether colours come multiplied by alpha: those of EXR, and of TIFF that does not say otherwise."""
+    if source.format_name() == "tiff":
+        return spec.alpha_channel >= 0 and spec.get_int_attribute("oiio:UnassociatedAlpha", 0) == 0
+    return source.format_name() == "openexr"
+
+
+def _by_pillow(path: Path) -> Tensor:
+    """`read_image` of a file that `is_pillows`; of one that moves, the first picture."""
     with open_picture(path) as picture:
         if max(picture.size) > MAXIMUM_SIDE:
             size = "x".join(map(str, picture.size))
@@ -167,28 +197,52 @@ def _profile(spec: oiio.ImageSpec) -> bytes | None:
     return np.asarray(profile, np.uint8).tobytes()
 
 
-def _rows(source: oiio.ImageInput, spec: oiio.ImageSpec, top: int, bottom: int) -> NDArray[np.float32] | None:
-    """(bottom - top, W, N) of the file, whole tiles or the last ones; None where they cannot be read."""
+def _check_claims(spec: oiio.ImageSpec, path: Path) -> None:
+    """Raises `InputImageError` where a picture is larger than we take, or none of one plane."""
+    if max(spec.width, spec.height) > MAXIMUM_SIDE:
+        size = f"{spec.width}x{spec.height}"
+        raise InputImageError(f"{path}: {size} pixels; scale it to at most {MAXIMUM_SIDE} a side")
+    if spec.nchannels > _MOST_CHANNELS or spec.depth > 1 or spec.deep:
+        what = f"{spec.nchannels} channels, depth {spec.depth}{', deep' if spec.deep else ''}"
+        raise InputImageError(f"{path}: {what}; export a flat picture of red, green, blue and alpha")
+    if max(spec.tile_width, spec.tile_height) > MAXIMUM_SIDE:
+        size = f"{spec.tile_width}x{spec.tile_height}"
+        raise InputImageError(f"{path}: tiles of {size} pixels; save it without tiles")
+
+
+def _shares(pixels: NDArray[Any]) -> NDArray[np.float32]:
+    """Numbers of a file as float32; those of integers as shares of the largest."""
+    if pixels.dtype.kind == "f":
+        return pixels.astype(np.float32)
+    return pixels.astype(np.float32) / np.float32(np.iinfo(pixels.dtype).max)
+
+
+def _rows(source: oiio.ImageInput, spec: oiio.ImageSpec, top: int, bottom: int) -> NDArray[Any] | None:
+    """(bottom - top, W, N) of the file, whole tiles or the last ones; None where they cannot be read.
+
+    Bytes as bytes: a row of tiles as high as the picture would be four times as large in float32.
+    """
     x, y = spec.x, spec.y  # An EXR's window may begin anywhere.
+    kind = "uint8" if spec.format.basetype == oiio.BASETYPE.UINT8 else "float"
     if spec.tile_width:
         return source.read_tiles(
-            0, 0, x, x + spec.width, y + top, y + bottom, spec.z, spec.z + 1, 0, spec.nchannels, "float"
+            0, 0, x, x + spec.width, y + top, y + bottom, spec.z, spec.z + 1, 0, spec.nchannels, kind
         )
-    return source.read_scanlines(0, 0, y + top, y + bottom, spec.z, 0, spec.nchannels, "float")
+    return source.read_scanlines(0, 0, y + top, y + bottom, spec.z, 0, spec.nchannels, kind)
 
 
 def _linear(pixels: NDArray[np.float32], spec: oiio.ImageSpec, premultiplied: bool) -> Tensor:
     """(4, H, W) linear Rec.709 and straight alpha of a file's rows (H, W, N).
 
     Args:
-        premultiplied: colours of floating point are; those of integers never come so.
+        premultiplied: the colours, as they are stored.
     """
     image = torch.from_numpy(np.ascontiguousarray(_rgba_of_channels(pixels, spec.channelnames).transpose(2, 0, 1)))
     alpha = image[3:].clamp(0.0, 1.0)
     if spec.format.basetype in (oiio.BASETYPE.HALF, oiio.BASETYPE.FLOAT, oiio.BASETYPE.DOUBLE):
         color = _straight(image[:3], alpha) if premultiplied else image[:3]
     else:
-        color = linear_from_srgb(image[:3])
+        color = linear_from_srgb(_straight(image[:3], alpha).clamp(max=1.0) if premultiplied else image[:3])
     return torch.cat([color.clamp(0.0, 1.0), alpha])
 
 
@@ -215,6 +269,13 @@ def _upright(pixels: NDArray[np.float32], orientation: int) -> NDArray[np.float3
     if orientation in (2, 3, 6, 7):
         pixels = pixels[:, ::-1]
     return pixels
+
+
+def as_stored(image: Tensor, orientation: int) -> Tensor:
+    """An upright picture (C, H, W) as the rows of its file have it, whose EXIF orientation is 1 to 8."""
+    undone = {6: 8, 8: 6}.get(orientation, orientation)  # All others undo themselves.
+    pixels = _upright(image.permute(1, 2, 0).numpy(), undone)
+    return torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1)))
 
 
 def _straight(color: Tensor, alpha: Tensor) -> Tensor:

@@ -11,6 +11,7 @@ from ..graphics.color import srgb_from_linear
 from ..machine.picture_files import SUFFIXES, pictures_in
 from .foreground import Heard, foreground, unheard
 from .image_io import read_image, read_orientation, write_png
+from .opacity import solid
 from .preprocess import check_size
 
 FOLDER = "masks"
@@ -56,12 +57,17 @@ def read_mask(path: Path) -> Tensor:
 def with_mask(image: Tensor, mask: Path, orientation: int = 1) -> Tensor:
     """`image` (4, H, W), upright, with the alpha that a file has for it, at any size.
 
+    What the file has most of is the object: a mask may be grey (`opacity.solid`), or hold the numbers of labels.
+
     Args:
         orientation: by EXIF, of the image's file: a mask that lies as that file stores it is turned along.
     Raises:
         InputImageError: the mask is of another shape, or does not do as a picture.
     """
     alpha = read_mask(mask)
+    highest = float(alpha.max())
+    if 0.0 < highest < 0.5 and bool(((alpha == 0.0) | (alpha == highest)).all()):
+        alpha = alpha / highest  # A label such as 1 of 255.
     if alpha.shape != image.shape[1:]:
         (height, width), (rows, columns) = image.shape[1:], alpha.shape
         if orientation in _QUARTERS and (rows > columns) != (height > width):
@@ -72,7 +78,7 @@ def with_mask(image: Tensor, mask: Path, orientation: int = 1) -> Tensor:
             raise InputImageError(f"{mask}: {columns}x{rows} pixels for a picture of {width}x{height}; give one alike")
         mode = "area" if rows > height else "bilinear"
         alpha = interpolate(alpha[None, None], size=(height, width), mode=mode)[0, 0]
-    return torch.cat([image[:3], alpha[None]])
+    return torch.cat([image[:3], solid(alpha)[None]])
 
 
 def read_cut_out(picture: Path, mask: Path | None, heard: Heard = unheard) -> Tensor:

@@ -1,20 +1,30 @@
 """Where the views of an object without poses come from: its one picture, or six that another program has made."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import torch
 from torch import Tensor
 
-from ..errors import InputImageError
+from ..errors import CameraError, InputImageError
 from ..graphics.borders import Rectangle, scaled
 from ..graphics.cameras import Camera
 from ..machine.picture_files import pictures_in
 from ..progress import Progress
+from ..structures import ViewSet
 from . import preprocess
+from .agreement import agreement
 from .foreground import Heard, unheard
+from .image_io import as_stored, read_orientation
 from .mask_files import mask_beside, read_cut_out
+from .masks import sees_something
+from .posed_frame import PosedFrame
 from .rigs import AZIMUTHS_DEG, front_camera, zero123plus_rig
 from .transforms_json import read_transforms
+
+_CLEARER = 0.03
+"""Share of the masks by which pictures as they are stored have to fit better than as they are shown."""
 
 
 @dataclass(frozen=True)
@@ -79,17 +89,66 @@ def views_of_rig(folder: Path, distance: float, fovy_deg: float | None, progress
     return [View(*view) for view in zip(pictures, images, cameras, strict=True)]
 
 
-def posed_views(transforms: Path, progress: Progress, heard: Heard = unheard) -> list[View]:
-    """The views of a transforms.json; `heard` is told how each was cut out.
+def posed_views(
+    transforms: Path,
+    progress: Progress,
+    heard: Heard = unheard,
+    left_out: Callable[[str, str], None] = unheard,
+) -> list[View]:
+    """The views of a transforms.json.
 
+    Cameras are of pictures as they are shown, turned by EXIF, or as their files store them: `w` and `h` tell which, and
+    else the masks, which have to be of one object.
+
+    Args:
+        heard: is told how each was cut out.
+        left_out: is told where EXIF does not count.
     Raises:
         InputImageError, CameraError: the files do not do; the line names the file and the remedy.
     """
-    views = []
-    frames = read_transforms(transforms)
+    frames, images, turns = read_transforms(transforms), [], []
     for index, frame in enumerate(frames):
         progress(index / len(frames), f"reading {frame.image.name}")
-        image = read_cut_out(frame.image, frame.mask, heard)
+        images.append(read_cut_out(frame.image, frame.mask, heard))
+        turns.append(read_orientation(frame.image)[2])
+    told = [
+        frame.is_of_stored(image.shape[2], image.shape[1], turn)
+        for frame, image, turn in zip(frames, images, turns, strict=True)
+    ]
+    turned = [index for index, turn in enumerate(turns) if turn != 1]
+    stored, why = any(told[index] for index in turned), "w and h say so"
+    if turned and all(told[index] is None for index in turned):
+        stored, why = _masks_prefer_stored(frames, images, turns), "the masks fit together so"
+    if stored:
+        left_out(f"the EXIF orientation of {len(turned)} pictures", f"cameras are of the stored pixels: {why}")
+    as_meant = [stored if one is None else one for one in told]
+    return _views_of(frames, images, turns, as_meant)
+
+
+def _masks_prefer_stored(frames: Sequence[PosedFrame], images: Sequence[Tensor], turns: Sequence[int]) -> bool:
+    """Whether pictures as their files store them, rather than as they are shown, are of one object."""
+    fits = []
+    for stored in (False, True):
+        try:
+            views = _views_of(frames, images, turns, [stored] * len(frames))
+        except CameraError:
+            fits.append(0.0)
+            continue
+        seeing = [view for view in views if sees_something(view.image[3])]
+        if len({view.image.shape for view in seeing}) != 1 or len(seeing) < 2:
+            return False
+        pictures, cameras = torch.stack([view.image for view in seeing]), tuple(view.camera for view in seeing)
+        fits.append(float(agreement(ViewSet(pictures, cameras, torch.ones(len(seeing)), "views")).mean()))
+    return fits[1] > fits[0] + _CLEARER
+
+
+def _views_of(
+    frames: Sequence[PosedFrame], images: Sequence[Tensor], turns: Sequence[int], stored: Sequence[bool | None]
+) -> list[View]:
+    """The views of pictures (4, H, W) that are upright, or turned back to where their cameras have them."""
+    views = []
+    for frame, upright, turn, back in zip(frames, images, turns, stored, strict=True):
+        image = as_stored(upright, turn) if back and turn != 1 else upright
         camera = frame.camera(image.shape[2], image.shape[1])
         limited = preprocess.limit_size(image, frame.image)
         known = frame.known(image.shape[2], image.shape[1])

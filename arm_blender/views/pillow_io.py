@@ -37,6 +37,16 @@ def open_picture(path: Path) -> Image.Image:
         raise InputImageError(f"{path}: not a readable picture; give a JPEG, PNG, WebP, TIFF or HEIC file") from error
 
 
+def is_pillows(path: Path) -> bool:
+    """Whether OpenImageIO does not read a picture as it is: HEIC, and WebP that moves, whose alpha it loses."""
+    if path.suffix.lower() in HEIF_SUFFIXES:
+        return True
+    with path.open("rb") as file:
+        start = file.read(21)
+    # In the extended form of WebP the second bit of its flags stands for an animation.
+    return start[:4] == b"RIFF" and start[8:16] == b"WEBPVP8X" and bool(start[20:21] and start[20] & 2)
+
+
 def decoded(picture: Image.Image, path: Path) -> NDArray[np.uint8]:
     """(H, W, 4) sRGB with straight alpha of an open picture, turned upright.
 

@@ -78,6 +78,18 @@ class PosedFrame:
         left, top, right, bottom = value
         return left, top, right, bottom
 
+    def is_of_stored(self, width: int, height: int, orientation: int) -> bool | None:
+        """Whether w and h are of the picture as its file stores it, not as it is shown; None where they do not say.
+
+        Args:
+            width: of the picture as it is shown; so is `height`.
+            orientation: by EXIF, 1 to 8.
+        """
+        if orientation not in (5, 6, 7, 8) or width == height or None in (self._number("w"), self._number("h")):
+            return None
+        wide = self._side("w", width) > self._side("h", height)
+        return wide != (width > height)
+
     def camera(self, width: int, height: int) -> Camera:
         """The camera of the picture, whose size is `width` x `height` pixels.
 

@@ -18,7 +18,7 @@ from ..structures import TriangleMesh, UvMesh, ViewSet
 
 Mesh = TypeVar("Mesh", TriangleMesh, UvMesh)
 
-_COARSE, _FINE = 64, 192
+COARSE, _FINE = 64, 192
 """Pixels of the longer side of the masks: to see whether the box will do, and to measure a hull elsewhere. In the usual
 rig a coarse pixel is 0.03 world units."""
 
@@ -92,14 +92,14 @@ def normalise(views: ViewSet) -> tuple[ViewSet, SceneFrame]:
         CameraError: the masks do not meet in space, or a single view looks past the box.
         InputImageError: a view shows nothing.
     """
-    silhouettes = _silhouettes(views, _COARSE)
+    silhouettes = silhouettes_of(views, COARSE)
     covered, explained = _explained_from_box(silhouettes)
     single = len(silhouettes) == 1
     if covered >= _COVERED and (single or float((explained.amax(dim=0) - explained.amin(dim=0)).max()) >= _SMALLEST):
         return views, IDENTITY
     if single:
         raise CameraError(f"{views.name}: the one view looks past [-1, 1]^3; bring the object there, or add views")
-    low, high = _hull_bounds(_silhouettes(views, _FINE), views.name)
+    low, high = _hull_bounds(silhouettes_of(views, _FINE), views.name)
     frame = SceneFrame((low + high) / 2.0, float((high - low).max()) / _TARGET)
     ground = None if views.ground is None else (views.ground - float(frame.center[2])) / frame.scale
     moved = replace(views, cameras=tuple(frame.normalised(camera) for camera in views.cameras), ground=ground)
@@ -107,7 +107,7 @@ def normalise(views: ViewSet) -> tuple[ViewSet, SceneFrame]:
 
 
 @dataclass(frozen=True)
-class _Silhouette:
+class Silhouette:
     """A view's mask at a lower resolution, and its camera at that resolution.
 
     Attributes:
@@ -133,7 +133,7 @@ class _Silhouette:
         return (depth > 0.0) & torch.where(in_picture, self.wide.flatten()[nearest], self.mask.flatten()[nearest])
 
 
-def _silhouettes(views: ViewSet, side: int) -> list[_Silhouette]:
+def silhouettes_of(views: ViewSet, side: int) -> list[Silhouette]:
     """The views' silhouettes at `side` pixels of the longer side, or at the views' own size where that is less."""
     height, width = views.images.shape[2:]
     cell = max(1.0, max(height, width) / side)
@@ -145,10 +145,10 @@ def _silhouettes(views: ViewSet, side: int) -> list[_Silhouette]:
     wide = torch.nn.functional.max_pool2d(masks, 3, stride=1, padding=1)
     cameras = (camera.to("cpu").resized(size[1], size[0]) for camera in views.cameras)
     known = [scaled(one, size[1] / width, size[0] / height) for one in views.rectangles]
-    return [_Silhouette(*one) for one in zip(masks[:, 0] > 0.5, wide[:, 0] > 0.5, cameras, known, strict=True)]
+    return [Silhouette(*one) for one in zip(masks[:, 0] > 0.5, wide[:, 0] > 0.5, cameras, known, strict=True)]
 
 
-def _inside_all(points: Tensor, silhouettes: list[_Silhouette]) -> Tensor:
+def _inside_all(points: Tensor, silhouettes: list[Silhouette]) -> Tensor:
     """(P,) bool: in every silhouette."""
     inside = torch.ones(len(points), dtype=torch.bool)
     for silhouette in silhouettes:
@@ -156,27 +156,35 @@ def _inside_all(points: Tensor, silhouettes: list[_Silhouette]) -> Tensor:
     return inside
 
 
-def _explained_from_box(silhouettes: list[_Silhouette]) -> tuple[float, Tensor]:
+def _explained_from_box(silhouettes: list[Silhouette]) -> tuple[float, Tensor]:
     """How much of each mask the hull inside [-1, 1]^3 covers, the least of all; and (P, 3) points of that hull."""
     least, found = 1.0, [torch.zeros(1, 3)]
     for silhouette in silhouettes:
-        camera = silhouette.camera
-        row, column = torch.nonzero(silhouette.mask, as_tuple=True)
-        stride = -(-len(row) // _RAYS)
-        rays = _rays(column[::stride] + 0.5, row[::stride] + 0.5, camera)
-        # A mask's pixels reach out of the object by up to one pixel, and so does the box.
-        half = 1.0 + min(0.1, float(camera.center.norm() / camera.K[1, 1]))
-        limits = torch.tensor([-half, half]).view(2, 1, 1)
-        bounds = (limits - camera.center) / torch.where(rays == 0.0, torch.full_like(rays, 1e-12), rays)
-        near = bounds.amin(dim=0).amax(dim=-1).clamp(min=0.0)
-        far = bounds.amax(dim=0).amin(dim=-1)
-        fractions = (torch.arange(_STEPS) + 0.5) / _STEPS
-        depths = near[:, None] + (far - near)[:, None] * fractions
-        points = camera.center + rays[:, None] * depths[..., None]
-        inside = _inside_all(points.view(-1, 3), silhouettes).view(len(rays), -1) & (far > near)[:, None]
+        points, crosses = points_in_box(silhouette)
+        inside = _inside_all(points.view(-1, 3), silhouettes).view(len(points), -1) & crosses[:, None]
         least = min(least, float(inside.any(dim=1).float().mean()))
         found.append(points[inside])
     return least, torch.cat(found)
+
+
+def points_in_box(silhouette: Silhouette, most: int = _RAYS) -> tuple[Tensor, Tensor]:
+    """(R, S, 3) samples, inside [-1, 1]^3, of the rays through R pixels of a mask; and (R,) bool: a ray crosses it.
+
+    R is at most `most`.
+    """
+    camera = silhouette.camera
+    row, column = torch.nonzero(silhouette.mask, as_tuple=True)
+    stride = -(-len(row) // most)
+    rays = _rays(column[::stride] + 0.5, row[::stride] + 0.5, camera)
+    # A mask's pixels reach out of the object by up to one pixel, and so does the box.
+    half = 1.0 + min(0.1, float(camera.center.norm() / camera.K[1, 1]))
+    limits = torch.tensor([-half, half]).view(2, 1, 1)
+    bounds = (limits - camera.center) / torch.where(rays == 0.0, torch.full_like(rays, 1e-12), rays)
+    near = bounds.amin(dim=0).amax(dim=-1).clamp(min=0.0)
+    far = bounds.amax(dim=0).amin(dim=-1)
+    fractions = (torch.arange(_STEPS) + 0.5) / _STEPS
+    depths = near[:, None] + (far - near)[:, None] * fractions
+    return camera.center + rays[:, None] * depths[..., None], far > near
 
 
 def _rays(x: Tensor, y: Tensor, camera: Camera) -> Tensor:
@@ -187,7 +195,7 @@ def _rays(x: Tensor, y: Tensor, camera: Camera) -> Tensor:
     return local @ camera.c2w[:3, :3].T
 
 
-def _hull_bounds(silhouettes: list[_Silhouette], name: str) -> tuple[Tensor, Tensor]:
+def _hull_bounds(silhouettes: list[Silhouette], name: str) -> tuple[Tensor, Tensor]:
     """(3,) lowest and highest corner of the hull of the masks, wherever it is.
 
     Raises:
@@ -214,7 +222,7 @@ def _hull_bounds(silhouettes: list[_Silhouette], name: str) -> tuple[Tensor, Ten
     return low + cell, high - cell
 
 
-def _meeting_point(silhouettes: list[_Silhouette]) -> Tensor:
+def _meeting_point(silhouettes: list[Silhouette]) -> Tensor:
     """(3,) the point nearest to the rays through the masks' middles, in the sense of least squares."""
     system, right = torch.zeros(3, 3, dtype=torch.float64), torch.zeros(3, dtype=torch.float64)
     for silhouette in silhouettes:

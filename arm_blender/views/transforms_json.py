@@ -8,6 +8,8 @@ A frame names a picture and its camera to world matrix in OpenGL axes. The intri
 
 import json
 import math
+import os
+import stat
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -26,9 +28,20 @@ from .posed_frame import LARGEST, PosedFrame, number
 TRANSFORMS = "transforms.json"
 """The file's name in a folder of views."""
 
+_TRAINING = "transforms_train.json"
+"""Its name where a set is cut in three, as NeRF-synthetic is; the others are for tests, and see the same object."""
+
 _DISTORTION = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
+_STRAIGHT = 1e-6
+"""Coefficients of a lens below which it bends nothing: a hundredth of a pixel at the border of a large picture."""
+
 _RIGID_TOLERANCE = 1e-3
 """How far the rotation may be from orthonormal: six decimals in a file pass, a scale or a mirror does not."""
+
+
+def transforms_in(folder: Path) -> Path | None:
+    """The file with the cameras of a folder of views; None where there is none."""
+    return next((folder / name for name in (TRANSFORMS, _TRAINING) if (folder / name).is_file()), None)
 
 
 def read_transforms(path: Path) -> tuple[PosedFrame, ...]:
@@ -144,7 +157,7 @@ def _read_frame(frame: Any, shared: dict[str, Any], path: Path, index: int) -> P
     where = f"{where} ({frame['file_path']})"
     fields = shared | frame
     values = {name: number(fields.get(name), name, where) for name in _DISTORTION}
-    distortion = {name: value for name, value in values.items() if value}
+    distortion = {name: value for name, value in values.items() if value and abs(value) > _STRAIGHT}
     model = "OPENCV_FISHEYE" if fields.get("is_fisheye") else str(fields.get("camera_model") or "PINHOLE")
     weight = number(fields.get("weight"), "weight", where)
     if weight is not None and weight < 0.0:
@@ -168,19 +181,36 @@ def _read_frame(frame: Any, shared: dict[str, Any], path: Path, index: int) -> P
 
 
 def _file(path: Path, named: str, field: str, where: str) -> Path | None:
-    """A picture that a frame names: inside the folder of the file, links followed; the extension may be missing."""
-    folder = path.parent.resolve()
+    """A picture that a frame names, inside the folder of the file; the extension may be missing, or in capitals.
+
+    A link is the user's own, and may lead anywhere; a name in a file may not.
+    """
     place = path.parent / named.replace("\\", "/")
-    for candidate in (place, *(Path(f"{place}{suffix}") for suffix in SUFFIXES)):
-        try:
-            inside, found = candidate.resolve().is_relative_to(folder), candidate.is_file()
-        except (OSError, ValueError, RuntimeError) as error:  # Too long, a character no name has, links in a circle.
-            raise CameraError(f"{where}: {field} names no file; correct it") from error
+    try:
+        inside = Path(os.path.abspath(place)).is_relative_to(os.path.abspath(path.parent))
         if not inside:
             raise CameraError(f"{where}: {field} leaves the folder; move the picture beside {path.name}")
-        if found:
-            return candidate
-    return None
+        if _is_file(place):
+            return place
+        beside = sorted(place.parent.iterdir()) if place.parent.is_dir() and place.name else []
+        endings = {f"{place.name}{suffix}": index for index, suffix in enumerate(SUFFIXES)}
+        there = [other for other in beside if _without_case(other.name, place.name) in endings and _is_file(other)]
+        return min(there, key=lambda other: endings[_without_case(other.name, place.name)], default=None)
+    except (OSError, ValueError, RuntimeError) as error:  # Too long, a character no name has, links in a circle.
+        raise CameraError(f"{where}: {field} names no file; correct it") from error
+
+
+def _is_file(place: Path) -> bool:
+    """Whether a file is there; unlike that of `Path`, raises where the name is none."""
+    try:
+        return stat.S_ISREG(place.stat().st_mode)
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+
+
+def _without_case(name: str, stem: str) -> str:
+    """`name` with what follows `stem` in lower case."""
+    return f"{stem}{name.removeprefix(stem).lower()}" if name.startswith(stem) else name
 
 
 def _rigid(matrix: Any, where: str) -> Tensor:
@@ -195,6 +225,8 @@ def _rigid(matrix: Any, where: str) -> Tensor:
         raise CameraError(f"{where}: transform_matrix is not 4 rows of 4 numbers; export the cameras again")
     rotation, last = c2w[:3, :3], torch.tensor([0.0, 0.0, 0.0, 1.0], dtype=torch.float64)
     skew = (rotation.T @ rotation - torch.eye(3, dtype=torch.float64)).abs().max()
-    if skew > _RIGID_TOLERANCE or torch.linalg.det(rotation) < 0.0 or not torch.equal(c2w[3], last):
+    off = (c2w[3] - last).abs().max()
+    if skew > _RIGID_TOLERANCE or torch.linalg.det(rotation) < 0.0 or off > _RIGID_TOLERANCE:
         raise CameraError(f"{where}: transform_matrix is not rigid; remove its scale or mirroring")
+    c2w[3] = last
     return c2w.float()

@@ -5,10 +5,15 @@ import json
 
 import numpy as np
 import pytest
+import torch
 import trimesh
 
+from arm_blender import pipeline as pipeline_of_stages
 from arm_blender.commands.progress_line import ProgressLine
+from arm_blender.export.obj import write_obj
+from arm_blender.structures import MaterialMaps, RelightableAsset, UvMesh
 
+from ..colored_box import box_mesh, write_views
 from ..pictures import a_picture
 from .command_line import ROOT, only_line, run
 
@@ -44,6 +49,43 @@ def test_what_is_read_is_not_written_over(pipeline, picture, tmp_path, capsys):
     assert run("generate", out / "textures" / "baked.png", "--output", out) == 2
     assert {path: path.read_bytes() for path in out.rglob("*.*")} == before and pipeline == []
     assert run("generate", picture, "--mesh", out / "cup.glb", "--output", tmp_path / "other") == 0
+
+
+def test_a_second_object_is_not_put_into_the_folder_of_the_first(pipeline, picture, tmp_path, capsys):
+    """With USD and OBJ both would name the same textures; the first one made again replaces itself."""
+    words = "--output", tmp_path / "out", "--export", "obj,usd"
+    assert run("generate", picture, *words) == 0
+    before = {path: path.read_bytes() for path in (tmp_path / "out").rglob("*.*")}
+    assert run("generate", a_picture(tmp_path / "mug.png"), *words) == 1
+    assert "out: holds the asset cup" in capsys.readouterr().err and len(pipeline) == 1
+    assert {path: path.read_bytes() for path in (tmp_path / "out").rglob("*.*")} == before
+    assert run("generate", picture, *words) == 0 and len(pipeline) == 2
+
+
+@pytest.mark.parametrize("words, found", [((), "y"), (("--mesh-up", "z"), "z"), (("--mesh-up", "y"), "y")])
+def test_an_obj_of_ours_is_upright_when_it_is_read_back(monkeypatch, tmp_path, capsys, words, found):
+    """OBJ says no axis: with what the views show it is known, and the report says so."""
+    mesh = box_mesh()
+    whole = UvMesh(mesh.vertices, mesh.faces, torch.rand(len(mesh.vertices), 2), mesh.faces, 1)
+    maps = MaterialMaps(torch.zeros(3, 4, 4), torch.zeros(3, 4, 4), 0.5, 0.5)
+    (tmp_path / "textures").mkdir()
+    write_obj(RelightableAsset("box", whole, maps), tmp_path / "box.obj")
+    given = []
+
+    def generate(views, settings, progress, report, mesh=None):
+        given.append(mesh)
+        return RelightableAsset(views.name, whole, maps), report
+
+    monkeypatch.setattr(pipeline_of_stages, "generate", generate)
+    words = ["--mesh", tmp_path / "box.obj", "--output", tmp_path / "out", *words]
+    assert run("generate", write_views(tmp_path / "views"), *words) == 0
+    corners, wanted = (
+        {(round(x, 4), round(y, 4), round(z, 4)) for x, y, z in one.vertices.tolist()} for one in (given[0], mesh)
+    )
+    assert (corners == wanted) == (found == "y")
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert any(note["what"] == "Z up in box.obj" for note in report["left_out"]) == (words[-1] not in ("y", "z"))
+    assert bool(report["doubts"]) == (found == "z"), "an outline that does not fit is doubtful"
 
 
 def test_json_is_all_there_is_on_stdout(pipeline, picture, tmp_path, capsys):

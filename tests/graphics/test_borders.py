@@ -1,5 +1,7 @@
 """A picture that cuts its object tells nothing of what is beyond; one that does not says that nothing is there."""
 
+import math
+
 import pytest
 import torch
 
@@ -18,7 +20,7 @@ def picture(*opaque: tuple[slice, slice]) -> torch.Tensor:
 def test_what_is_whole_stays_as_it_is():
     whole = picture((slice(5, 15), slice(8, 20)))
     same, told = continued(whole, (2, 2, 28, 18))
-    assert same is whole and told.tolist() == [-1.0, -1.0, 1.0, 1.0]
+    assert same is whole and told.tolist() == [-math.inf, -math.inf, math.inf, math.inf]
 
 
 @pytest.mark.parametrize("side", range(4))
@@ -34,7 +36,9 @@ def test_an_object_goes_on_beyond_the_border_that_cuts_it(side):
     assert cut_sides(image[3], known) == tuple(index == side for index in range(4))
     found, told = continued(image, known)
     ends = [2 * 6 / 30 - 1, 2 * 4 / 20 - 1, 2 * 24 / 30 - 1, 2 * 16 / 20 - 1]
-    assert told.tolist() == pytest.approx([ends[i] if i == side else (-1, -1, 1, 1)[i] for i in range(4)])
+    assert told.tolist() == pytest.approx(
+        [ends[i] if i == side else (-math.inf, -math.inf, math.inf, math.inf)[i] for i in range(4)]
+    )
     beyond = [found[3, rows, :6], found[3, :4, columns], found[3, rows, 24:], found[3, 16:, columns]]
     assert [bool((part == 1.0).all()) for part in beyond] == [index == side for index in range(4)]
     if side == 0:

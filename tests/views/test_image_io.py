@@ -3,18 +3,19 @@
 import struct
 import subprocess
 import sys
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
 import pytest
 import torch
-from PIL import Image
+from PIL import Image, ImageCms
 
 from arm_blender.errors import InputImageError, OutputError
 from arm_blender.graphics.color import linear_from_srgb, srgb_from_linear
 from arm_blender.machine.picture_files import pictures_in
-from arm_blender.views.image_io import MAXIMUM_SIDE, read_image, write_png
+from arm_blender.views.image_io import MAXIMUM_SIDE, read_image, read_orientation, write_png
 
 
 @pytest.fixture
@@ -60,6 +61,7 @@ def test_tiled_files_and_bands_agree(tmp_path, tile, kind):
 
 PEAK = """
 import sys
+from io import BytesIO
 from pathlib import Path
 from arm_blender.report import peak_memory_mib
 from arm_blender.views.image_io import read_image
@@ -139,6 +141,109 @@ def test_exif_orientation_is_honoured(tmp_path, orientation):
     upright = np.asarray(ImageOps.exif_transpose(Image.open(tmp_path / "a.jpg")))
     expected = linear_from_srgb(torch.from_numpy(upright.copy()).permute(2, 0, 1) / 255.0)
     torch.testing.assert_close(read_image(tmp_path / "a.jpg")[:3], expected, atol=0.02, rtol=0)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("suffix", ["webp", "png"])
+def test_exif_orientation_is_honoured_in_every_format(tmp_path, orientation, suffix):
+    pixels = np.zeros((20, 30, 4), dtype=np.uint8)
+    pixels[:9, :12], pixels[12:, 20:] = (255, 0, 0, 255), (0, 0, 255, 255)
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    path = tmp_path / f"a.{suffix}"
+    Image.fromarray(pixels).save(path, exif=exif, **({"lossless": True} if suffix == "webp" else {}))
+    from PIL import ImageOps
+
+    upright = np.asarray(ImageOps.exif_transpose(Image.open(path)).convert("RGBA"))
+    alpha, red = torch.from_numpy(upright[..., 3].copy()) / 255.0, torch.from_numpy(upright[..., 0].copy()) / 255.0
+    image = read_image(path)
+    assert torch.equal(image[3], alpha) and torch.equal(image[0] * image[3], red)
+    width, height, found = read_orientation(path)
+    assert (width, height, found) == (30, 20, orientation)
+
+
+@pytest.mark.parametrize("orientation", [1, 6])
+def test_of_a_webp_that_moves_the_first_picture_is_read_with_its_alpha(tmp_path, orientation):
+    pixels = np.zeros((20, 30, 4), dtype=np.uint8)
+    pixels[5:15, 5:20] = (200, 100, 50, 255)
+    others = [Image.fromarray(np.roll(pixels, 5 * shift, axis=1)) for shift in (1, 2)]
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    options = {"save_all": True, "append_images": others, "lossless": True, "exif": exif.tobytes()}
+    Image.fromarray(pixels).save(tmp_path / "a.webp", **options)
+    expected = torch.from_numpy(pixels[..., 3] / 255.0).float()
+    expected = expected if orientation == 1 else torch.rot90(expected, -1)
+    assert torch.equal(read_image(tmp_path / "a.webp")[3], expected)
+    assert read_orientation(tmp_path / "a.webp") == (*reversed(expected.shape), 1)
+
+
+def test_alpha_that_a_tiff_has_multiplied_into_its_colours_is_taken_out(tmp_path):
+    straight = np.zeros((20, 30, 4), dtype=np.uint8)
+    straight[5:15, 5:20] = (200, 100, 50, 128)
+    multiplied = straight.copy()
+    multiplied[..., :3] = np.round(straight[..., :3] * (straight[..., 3:] / 255.0))
+    write_by_oiio(tmp_path / "straight.tif", straight, "uint8", oiio__UnassociatedAlpha=1)
+    write_by_oiio(tmp_path / "multiplied.tif", multiplied, "uint8")
+    one, other = (srgb_from_linear(read_image(tmp_path / f"{name}.tif")) for name in ("straight", "multiplied"))
+    torch.testing.assert_close(one[:, 5:15, 5:20], other[:, 5:15, 5:20], atol=2 / 255, rtol=0)
+
+
+def test_a_profile_of_wide_colours_is_read_as_what_it_means(tmp_path):
+    """Primaries of Display P3 under D50, gamma 2.2; Pillow's own conversion back to it is the independent twin."""
+    profile = wide_profile([(0.5151, 0.2412, -0.0011), (0.292, 0.6922, 0.0419), (0.1571, 0.0666, 0.7841)])
+    meant = np.zeros((20, 30, 3), dtype=np.uint8)
+    meant[:, :10], meant[:, 10:20], meant[:, 20:] = (200, 40, 40), (40, 170, 60), (50, 70, 200)
+    to_wide = ImageCms.buildTransform(
+        ImageCms.createProfile("sRGB"), ImageCms.ImageCmsProfile(BytesIO(profile)), "RGB", "RGB"
+    )
+    stored = ImageCms.applyTransform(Image.fromarray(meant), to_wide)
+    assert np.abs(np.asarray(stored).astype(int) - meant).max() > 20
+    for name in ("a.png", "a.tif", "a.webp"):
+        stored.save(tmp_path / name, icc_profile=profile, **({"lossless": True} if name.endswith("webp") else {}))
+        found = srgb_from_linear(read_image(tmp_path / name)[:3]).permute(1, 2, 0).numpy() * 255.0
+        assert np.abs(found - meant).max() < 3.0, name
+
+
+def wide_profile(primaries) -> bytes:
+    """An ICC matrix profile, version 2."""
+    fixed = lambda *values: b"".join(struct.pack(">i", round(value * 65536)) for value in values)  # noqa: E731
+    curve = b"curv" + bytes(4) + struct.pack(">IH", 1, round(2.2 * 256))
+    tags = {"desc": b"desc" + bytes(4) + struct.pack(">I", 5) + b"wide" + bytes(79), "cprt": b"text" + bytes(4) + b"x"}
+    tags |= {"wtpt": b"XYZ " + bytes(4) + fixed(0.9642, 1.0, 0.8249)}
+    for letter, primary in zip("rgb", primaries, strict=True):
+        tags |= {f"{letter}XYZ": b"XYZ " + bytes(4) + fixed(*primary), f"{letter}TRC": curve}
+    body, table = b"", struct.pack(">I", len(tags))
+    for name, data in tags.items():
+        table += name.encode() + struct.pack(">II", 132 + 12 * len(tags) + len(body), len(data))
+        body += data + bytes(-len(data) % 4)
+    head = bytearray(128)
+    struct.pack_into(
+        ">I4sI4s4s4s", head, 0, 128 + len(table) + len(body), b"none", 0x02400000, b"mntr", b"RGB ", b"XYZ "
+    )
+    head[36:40], head[68:80] = b"acsp", fixed(0.9642, 1.0, 0.8249)
+    return bytes(head) + table + body
+
+
+@pytest.mark.parametrize("name", [b"\x80\xffR", b"R"])
+def test_a_channel_whose_name_is_no_text_is_refused(tmp_path, name):
+    write_by_oiio(tmp_path / "a.exr", np.zeros((4, 4, 1), np.float32), "float")
+    data = (tmp_path / "a.exr").read_bytes()
+    assert data.count(b"Y\0") == 1
+    (tmp_path / "a.exr").write_bytes(data.replace(b"Y\0", name[:1] + b"\0"))
+    if name == b"R":
+        read_image(tmp_path / "a.exr")
+    else:
+        with pytest.raises(InputImageError, match="a.exr"):
+            read_image(tmp_path / "a.exr")
+
+
+def test_more_channels_than_a_picture_has_are_refused(tmp_path):
+    spec = oiio.ImageSpec(8, 8, 100, "float")
+    output = oiio.ImageOutput.create(str(tmp_path / "a.exr"))
+    assert output.open(str(tmp_path / "a.exr"), spec) and output.write_image(np.zeros((8, 8, 100), np.float32))
+    output.close()
+    with pytest.raises(InputImageError, match="100 channels"):
+        read_image(tmp_path / "a.exr")
 
 
 def test_values_that_are_no_colour_are_clamped(tmp_path):

@@ -1,5 +1,7 @@
 """A mesh of unknown size and place comes to where the pictures show it."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 import trimesh
@@ -8,8 +10,10 @@ from arm_blender.errors import EmptyMeshError
 from arm_blender.graphics.cameras import project
 from arm_blender.graphics.raster.rasterize import rasterize
 from arm_blender.structures import TriangleMesh, ViewSet
-from arm_blender.views.mesh_fit import fit_to_views
+from arm_blender.views.mesh_fit import fit_to_views, outline_fit, up_axis, z_up
 from arm_blender.views.rigs import front_camera, zero123plus_rig
+
+from ..colored_box import box_mesh, view_set
 
 SIZE = 128
 
@@ -53,3 +57,27 @@ def test_a_mesh_in_one_point_is_refused():
     mesh = slab().moved(torch.zeros_like)
     with pytest.raises(EmptyMeshError, match="one point"):
         fit_to_views(mesh, views_of(slab(), zero123plus_rig(4.0, 30.0, SIZE)))
+
+
+@pytest.mark.parametrize("axis", ["y", "z"])
+def test_the_axis_that_is_up_is_the_one_with_which_the_outlines_fit(axis):
+    upright, views = box_mesh(), view_set()
+    stored = upright if axis == "z" else upright.moved(lambda p: torch.stack([p[:, 0], p[:, 2], -p[:, 1]], dim=1))
+    found, fits = up_axis(stored, views)
+    assert found == axis and fits[axis] > 0.97 and min(fits.values()) < 0.7
+    if axis == "y":
+        torch.testing.assert_close(stored.moved(z_up).vertices, upright.vertices)
+
+
+def test_what_looks_alike_either_way_stays_as_it_is():
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    mesh = TriangleMesh(torch.from_numpy(ball.vertices).float(), torch.from_numpy(ball.faces).long())
+    assert up_axis(mesh, view_set())[0] == "z"
+
+
+def test_outlines_are_compared_only_where_a_camera_took_pixels():
+    views = view_set()
+    images = views.images.clone()
+    images[:, :, :, 64:] = 0.0
+    half = replace(views, images=images, known=((0, 0, 64, 128),) * 6)
+    assert outline_fit(box_mesh(), half) > 0.97 > 0.8 > outline_fit(box_mesh(), replace(half, known=None))

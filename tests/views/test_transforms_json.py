@@ -9,18 +9,21 @@ import torch
 
 from arm_blender.errors import CameraError, InputImageError
 from arm_blender.graphics.cameras import Camera, orbit_camera
+from arm_blender.views import load_views
 from arm_blender.views.image_io import write_png
 from arm_blender.views.rigs import zero123plus_rig
-from arm_blender.views.transforms_json import read_transforms, write_transforms
+from arm_blender.views.transforms_json import read_transforms, transforms_in, write_transforms
 
 SIZE = 32
+SHAPE = torch.zeros(4, SIZE, SIZE)
+SHAPE[:, 8:24, 8:24] = 1.0
 IDENTITY = [[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 4], [0, 0, 0, 1]]
 
 
 @pytest.fixture
 def folder(tmp_path):
     for name in ("0.png", "1.png"):
-        write_png(tmp_path / name, torch.ones(4, SIZE, SIZE), srgb=True)
+        write_png(tmp_path / name, torch.ones(4, SIZE, SIZE) * SHAPE, srgb=True)
     return tmp_path
 
 
@@ -124,14 +127,48 @@ def test_an_error_names_the_file_and_the_field(folder, fields, word):
     assert str(path) in str(caught.value) and "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("file_path", ["../0.png", "/etc/hostname", "a/../../0.png", "..\\0.png", "link.png"])
+@pytest.mark.parametrize("file_path", ["../0.png", "/etc/hostname", "a/../../0.png", "..\\0.png"])
 def test_a_picture_may_not_leave_the_folder(folder, file_path):
     inner = folder / "inner"
     inner.mkdir()
-    (inner / "link.png").symlink_to(folder / "0.png")
     path = write(inner, frames=[{"file_path": file_path, "transform_matrix": IDENTITY}])
     with pytest.raises(CameraError, match="leaves the folder"):
         read_transforms(path)
+
+
+def test_a_picture_may_be_a_link_to_elsewhere(folder):
+    (folder / "inner").mkdir()
+    (folder / "inner" / "link.png").symlink_to(folder / "0.png")
+    path = write(folder / "inner", frames=[{"file_path": "link.png", "transform_matrix": IDENTITY}])
+    assert read_transforms(path)[0].image == folder / "inner" / "link.png"
+
+
+@pytest.mark.parametrize("name", ["0.PNG", "0.Jpg", "0.tif"])
+def test_a_name_without_suffix_finds_its_picture_in_any_case(tmp_path, name):
+    (tmp_path / "train").mkdir()
+    (tmp_path / "train" / name).touch()
+    (tmp_path / "train" / "0.txt").touch()
+    path = write(tmp_path, frames=[{"file_path": "./train/0", "transform_matrix": IDENTITY}])
+    assert read_transforms(path)[0].image == tmp_path / "train" / name
+
+
+def test_what_is_off_by_rounding_is_rigid_and_straight(folder):
+    off = [*IDENTITY[:3], [0, 1e-9, 0, 1.0000001]]
+    frame = {"file_path": "0.png", "transform_matrix": off, "k1": 1e-9, "k2": -1e-12, "camera_model": None}
+    read = read_transforms(write(folder, frames=[frame]))[0]
+    assert torch.equal(read.c2w, torch.tensor(IDENTITY)) and not read.is_bent
+    with pytest.raises(CameraError, match="rigid"):
+        read_transforms(write(folder, frames=[frame | {"transform_matrix": [*IDENTITY[:3], [0, 0, 0, 1.1]]}]))
+
+
+def test_the_cameras_for_training_are_those_of_a_set_cut_in_three(folder):
+    for part in ("train", "val", "test"):
+        write(folder).rename(folder / f"transforms_{part}.json")
+    assert transforms_in(folder).name == "transforms_train.json"
+    write(folder)
+    assert transforms_in(folder).name == "transforms.json"
+    views = load_views(folder / "transforms_val.json")
+    assert views.name == folder.name and len(views.cameras) == 1
 
 
 def test_a_frame_of_the_folder_itself_is_no_picture(folder, monkeypatch):
@@ -158,7 +195,7 @@ def test_what_is_missing_or_no_json_is_named(folder):
 def test_the_rig_survives_a_round_trip(tmp_path):
     names = [f"{index}.png" for index in range(6)]
     for name in names:
-        write_png(tmp_path / name, torch.ones(4, SIZE, SIZE), srgb=True)
+        write_png(tmp_path / name, torch.ones(4, SIZE, SIZE) * SHAPE, srgb=True)
     rig = zero123plus_rig(size=SIZE)
     write_transforms(tmp_path / "transforms.json", names, rig)
     assert all(same(a, b) for a, b in zip(cameras_of(tmp_path / "transforms.json"), rig, strict=True))

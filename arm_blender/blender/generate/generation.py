@@ -52,7 +52,7 @@ def generate(request: GenerationRequest, progress: Progress) -> Generated:
     frames = [IDENTITY]
 
     def own_mesh(own: OwnMesh, views: ViewSet) -> TriangleMesh | UvMesh:
-        mesh, frame = _own_mesh(own, request, views)
+        mesh, frame = _own_mesh(own, request, views, report)
         frames.append(frame)
         return mesh.moved(frame.restore)
 
@@ -99,7 +99,9 @@ def _device(request: GenerationRequest) -> str:
     return "cuda" if torch.cuda.is_available() else "cpu"
 
 
-def _own_mesh(own: OwnMesh, request: GenerationRequest, views: ViewSet) -> tuple[TriangleMesh | UvMesh, SceneFrame]:
+def _own_mesh(
+    own: OwnMesh, request: GenerationRequest, views: ViewSet, report: Report
+) -> tuple[TriangleMesh | UvMesh, SceneFrame]:
     """The user's mesh, and the frame that restores it to where the views show it."""
     from ...photographs.way import has_cameras
     from ...uv.given_mesh import mesh_from_arrays
@@ -111,6 +113,6 @@ def _own_mesh(own: OwnMesh, request: GenerationRequest, views: ViewSet) -> tuple
         import numpy as np
 
         uvs = own.corner_uvs.reshape(-1, 2), np.arange(own.faces.size).reshape(-1, 3)
-    mesh = mesh_from_arrays(own.name, own.vertices, own.faces, uvs)
+    mesh = mesh_from_arrays(own.name, own.vertices, own.faces, uvs, left_out=report.leave_out)
     placed = request.mesh_in_place or not isinstance(request.views, Path) or has_cameras(request.views)
     return mesh, IDENTITY if placed else fit_to_views(mesh, views)

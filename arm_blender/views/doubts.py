@@ -1,0 +1,50 @@
+"""Why an asset of some views may be wrong, as far as the views themselves tell."""
+
+from collections.abc import Iterator, Sequence
+
+import torch
+
+from ..graphics.borders import cut_sides
+from ..structures import ViewSet
+from .agreement import disagreement
+from .masks import parts
+
+_CUT_SHARE = 0.5
+"""Of the views, how many have to be cut by their border: where fewer are, the others show what is beyond."""
+
+_RIVAL_SHARE = 0.4
+"""Of the largest part's pixels, how many the second one has to have in every view to be a body of its own."""
+
+
+def doubts(views: ViewSet) -> Iterator[str]:
+    """A sentence for each reason, with what to do; of the views that count."""
+    chosen = views.chosen()
+    if not len(chosen.cameras):
+        return
+    names = chosen.called
+    masks = chosen.images[:, 3].cpu()
+    cut = [
+        name
+        for name, mask, known in zip(names, masks, chosen.rectangles, strict=True)
+        if sum(cut_sides(mask, known)) > 0
+    ]
+    if len(cut) >= _CUT_SHARE * len(names):
+        line = f"the border cuts the object in {len(cut)} of {len(names)} pictures ({_some(cut)})"
+        yield f"{line}: what lies beyond is a guess; take them from further away"
+    if all(_has_rival(mask) for mask in masks):
+        yield "every picture shows several parts of about one size; if they are several objects, leave one in the masks"
+    why = disagreement(chosen, names)
+    if why is not None:
+        yield why
+
+
+def _has_rival(mask: torch.Tensor) -> bool:
+    """Whether the second part of `mask` (H, W) is nearly as large as the first."""
+    step = max(1, max(mask.shape) // 512)
+    areas = torch.bincount(parts(mask[::step, ::step] > 0.5).flatten())[1:].sort(descending=True).values
+    return len(areas) > 1 and int(areas[1]) > _RIVAL_SHARE * int(areas[0])
+
+
+def _some(names: Sequence[str]) -> str:
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    return f"{', '.join(names[:3])}{more}"
