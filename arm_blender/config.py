@@ -83,12 +83,14 @@ class Quality:
     """Face budget."""
     texture_size: int
     """Largest texels a side; a smaller atlas is made where the views cannot fill it."""
+    refinement: int
+    """Rounds in which the shape is moved to meet its pictures."""
 
 
 QUALITIES: dict[str, Quality] = {
-    "draft": Quality(grid=64, faces=5_000, texture_size=512),
-    "balanced": Quality(grid=128, faces=10_000, texture_size=1024),
-    "final": Quality(grid=192, faces=30_000, texture_size=2048),
+    "draft": Quality(grid=64, faces=5_000, texture_size=512, refinement=0),
+    "balanced": Quality(grid=80, faces=10_000, texture_size=1024, refinement=2),
+    "final": Quality(grid=192, faces=30_000, texture_size=2048, refinement=3),
 }
 
 
@@ -111,7 +113,7 @@ class Settings(Knobs):
         """The quality level with the preset's grid and the single knobs over it."""
         level = QUALITIES[self.quality]
         level = replace(level, grid=PRESETS[self.preset].grid or level.grid)
-        own = {name: getattr(self, name) for name in ("grid", "faces", "texture_size")}
+        own = {name: getattr(self, name) for name in ("grid", "faces", "texture_size", "refinement")}
         return replace(level, **{name: value for name, value in own.items() if value is not None})
 
     @property

@@ -20,13 +20,14 @@ from .models import random_weights
 from .models.encoded import Encoded
 from .models.network_views import network_views
 from .progress import SHARES, Progress, part, silent
+from .refinement.refined import refined
 from .report import Report
 from .structures import MaterialMaps, RelightableAsset, TexelMap, TexelViews, TriangleMesh, UvMesh, ViewSet
 from .uv import maps
 from .uv.backproject import backproject, texture_size_for
 from .uv.blend import blend
 from .uv.decimate import clean, decimate
-from .uv.exposure import evened, gains
+from .uv.exposure import even
 from .uv.given.winding import facing_out
 from .uv.normal_map import bake_normal_map
 from .uv.off_colors import off_colors
@@ -116,11 +117,14 @@ def generate(
 def shape(
     views: ViewSet, settings: Settings, progress: Progress = silent, report: Report | None = None
 ) -> TriangleMesh:
-    """GeoRM, its iso-surface, cleaned and freed of the grid's steps (ARM, section 5.1)."""
+    """GeoRM, its iso-surface, cleaned and freed of the grid's steps (ARM, section 5.1), moved to meet the views."""
     report = report or Report(settings.preset, settings.device, settings.seed)
-    surface = _surface(views, settings, report, part(progress, 0.0, 0.9))
-    progress(0.9, "cleaning the mesh")
-    return fair(clean(surface), PRESETS[settings.preset].fairing)
+    surface = _surface(views, settings, report, part(progress, 0.0, 0.7))
+    progress(0.7, "cleaning the mesh")
+    mesh = fair(clean(surface), PRESETS[settings.preset].fairing)
+    if settings.random_weights is not None:
+        return mesh
+    return refined(mesh, views, settings.resolved.refinement, report, part(progress, 0.75, 1.0))
 
 
 def _surface(views: ViewSet, settings: Settings, report: Report, progress: Progress) -> TriangleMesh:
@@ -219,16 +223,6 @@ def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report,
     del seen, base, colors, weight
     roughness, metallic = gloss(mesh, views, texels, settings, report, part(progress, 0.6, 1.0))
     return MaterialMaps(maps.pad(albedo, texels.mask), maps.pad(baked, texels.mask), roughness, metallic)
-
-
-def even(views: ViewSet, seen: TexelViews, report: Report) -> tuple[ViewSet, TexelViews]:
-    """The views of a camera that exposes by itself, and what they say of texels, as of one exposure."""
-    factors = gains(seen)
-    if bool((factors == 1.0).all()):
-        report.leave_out("gains of the views", "the views are of one exposure")
-        return views, seen
-    report.gains = factors.tolist()
-    return evened(views, seen, factors)
 
 
 def paint(

@@ -49,6 +49,9 @@ class Report:
         doubts: why the result may be wrong, a sentence each.
         photographs: which way the pictures got their cameras and by what rule; of solved ones, how far they are to be
             trusted, and why not further.
+        refinement: rounds in which the shape was moved to meet its pictures, seconds, how far its outlines lay from
+            theirs before and after, pixels, how much each view was trusted, and whether the object was taken for
+            symmetric; None where there was none.
         left_out: what was not done, and why.
     """
 
@@ -68,6 +71,7 @@ class Report:
     masks: dict[str, list[str]] = field(default_factory=dict)
     doubts: list[str] = field(default_factory=list)
     photographs: dict[str, Any] = field(default_factory=dict)
+    refinement: dict[str, Any] | None = None
     left_out: list[LeftOut] = field(default_factory=list)
 
     @contextmanager
@@ -125,6 +129,7 @@ class Report:
             "masks": {way: names for way, names in self.masks.items() if not way.startswith(DOUBTFUL)},
             "doubts": self.all_doubts,
             "photographs": self.photographs,
+            "refinement": self.refinement,
             "left_out": [{"what": note.what, "why": note.why} for note in self.left_out],
         }
 

@@ -21,6 +21,7 @@ FLOORS: list[set[str]] = [  # Of arm_blender: a room knows itself and those on l
     {"structures"},
     {"graphics"},
     {"graphics.raster", "graphics.surface", "graphics.light"},
+    {"refinement"},
     {"uv"},
     {"models"},
     {"models.paper", "models.small"},

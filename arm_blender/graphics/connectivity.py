@@ -32,6 +32,14 @@ def half_edges(faces: Tensor) -> Tensor:
     return torch.stack([faces, faces.roll(-1, dims=1)], dim=-1).reshape(-1, 2)
 
 
+def neighbours_of_vertices(faces: Tensor, count: int) -> tuple[Tensor, Tensor]:
+    """(E,) neighbours of vertex 0, of vertex 1 and so on, each once; and (count,) where each vertex's begin."""
+    edges = half_edges(faces)
+    pairs = torch.unique(torch.cat([edges[:, 0] * count + edges[:, 1], edges[:, 1] * count + edges[:, 0]]))
+    degrees = torch.bincount(pairs // count, minlength=count)
+    return pairs % count, degrees.cumsum(0) - degrees
+
+
 def manifold_pairs(faces: Tensor) -> Tensor:
     """(E, 2) rows of `half_edges` that form an edge of exactly two faces with opposite directions."""
     edges = half_edges(faces)

@@ -216,28 +216,38 @@ FAR = 1e3
 """Pixels: farther than this from any occupied pixel is all the same."""
 
 
-def squared_distance(occupied: Tensor) -> Tensor:
+def squared_distance(occupied: Tensor, reach: int | None = None) -> Tensor:
     """Exact squared Euclidean distance in pixels to the nearest occupied pixel: along rows, then a min-plus pass.
 
     Args:
         occupied: (V, H, W) bool.
+        reach: rows beyond which it need not be exact, only larger; it saves most of the time. None for all.
     Returns:
         (V, H, W) float32; 1e6 where a view has no occupied pixel.
     """
     columns = torch.arange(occupied.shape[-1], device=occupied.device, dtype=torch.float32)
     left = torch.where(occupied, columns, -FAR).cummax(dim=-1).values
     right = torch.where(occupied, columns, columns[-1] + FAR).flip(-1).cummin(dim=-1).values.flip(-1)
-    cost = torch.minimum(columns - left, right - columns).square().transpose(1, 2)  # (V, W, H)
+    along = torch.minimum(columns - left, right - columns).square()
+    if reach is not None:
+        lowest = along.clone()
+        for step in range(1, min(reach, occupied.shape[1] - 1) + 1):
+            lowest[:, step:] = torch.minimum(lowest[:, step:], along[:, :-step] + step**2)
+            lowest[:, :-step] = torch.minimum(lowest[:, :-step], along[:, step:] + step**2)
+        return lowest.clamp(max=FAR**2)
+    cost = along.transpose(1, 2)  # (V, W, H)
     rows = torch.arange(cost.shape[-1], device=cost.device, dtype=torch.float32)
     parabolas = (rows[:, None] - rows[None, :]) ** 2
-    lowest = [(part.unsqueeze(1) + parabolas).amin(dim=-1) for part in cost.flatten(0, 1).split(COLUMNS_AT_ONCE)]
-    return torch.cat(lowest).view_as(cost).transpose(1, 2).clamp(max=FAR**2)
+    pieces = [(part.unsqueeze(1) + parabolas).amin(dim=-1) for part in cost.flatten(0, 1).split(COLUMNS_AT_ONCE)]
+    return torch.cat(pieces).view_as(cost).transpose(1, 2).clamp(max=FAR**2)
 
 
-def signed_silhouette_distance(alpha: Tensor) -> Tensor:
-    """(V, H, W) signed distance in pixels to the outline alpha = 1/2, positive inside; `alpha` is (V, H, W)."""
+def signed_silhouette_distance(alpha: Tensor, reach: int | None = None) -> Tensor:
+    """(V, H, W) signed distance in pixels to the outline alpha = 1/2, positive inside; `alpha` is (V, H, W).
+
+    Where it is more than `reach` it need not be exact, only more.
+    """
     inside = alpha >= 0.5
     # The outline runs half a pixel beyond the centres of its pixels.
-    return squared_distance(~inside).sqrt().sub(0.5).clamp(min=0.0) - squared_distance(inside).sqrt().sub(0.5).clamp(
-        min=0.0
-    )
+    within, beyond = (squared_distance(there, reach).sqrt().sub(0.5).clamp(min=0.0) for there in (~inside, inside))
+    return within - beyond

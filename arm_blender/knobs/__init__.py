@@ -77,7 +77,7 @@ class Knobs:
             ),
         ),
     )
-    """What the next three are where they are None."""
+    """What the next five are where they are None."""
     texture_size: int | None = knob(
         None,
         "largest texels a side, a power of two",
@@ -109,6 +109,9 @@ class Knobs:
         ),
     )
     grid: int | None = knob(None, "samples of the density along a side of the box", within(16, 512), listed=True)
+    refinement: int | None = knob(
+        None, "rounds in which the shape is moved to meet its pictures, 0 to 3", within(0, 3), listed=True
+    )
     dense: bool = knob(False, "sample the density everywhere")
     """Finds parts that touch nothing else, and takes many times longer."""
     device: str = knob("cpu", "cpu, cuda or mps (default: cpu)", one_of(("cpu", "cuda", "mps")), kept=False)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from ..report import Report
 from ..structures import TexelViews, ViewSet
 
 
@@ -31,6 +32,16 @@ class ExposureConfig:
     """Of the texels, the share that speaks for no gain at all: a view that shares less with others keeps its own."""
     least: float = 0.02
     """Logarithm of a gain below which all are left alone: the eye does not see it."""
+
+
+def even(views: ViewSet, seen: TexelViews, report: Report) -> tuple[ViewSet, TexelViews]:
+    """The views of a camera that exposes by itself, and what they say of texels, as of one exposure."""
+    factors = gains(seen)
+    if bool((factors == 1.0).all()):
+        report.leave_out("gains of the views", "the views are of one exposure")
+        return views, seen
+    report.gains = factors.tolist()
+    return evened(views, seen, factors)
 
 
 @torch.no_grad()

@@ -22,6 +22,15 @@ def test_silhouette_distance_equals_scipys():
         assert torch.allclose(ours, truth, atol=1e-4)
 
 
+def test_a_distance_within_reach_is_exact_and_beyond_it_only_more():
+    alpha = torch.zeros(1, 60, 50)
+    alpha[0, 20:24, 10:30] = 1.0
+    exact, near = signed_silhouette_distance(alpha), signed_silhouette_distance(alpha, reach=8)
+    within = exact.abs() <= 7.0
+    assert torch.equal(near[within], exact[within]) and bool(within.any())
+    assert bool((near.abs() >= exact.abs() - 1e-4).all())
+
+
 def cut(views: ViewSet, keep: slice, width: int, view: int = 0) -> ViewSet:
     """The views with one of them blank outside of some columns, as a frame of another shape leaves it."""
     images = views.images.clone()

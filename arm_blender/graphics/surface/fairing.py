@@ -12,6 +12,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from ...structures import TriangleMesh
+from ..connectivity import half_edges, neighbours_of_vertices
 from ..meshes import vertex_normals
 
 _SHARPNESS = 10.0
@@ -55,12 +56,12 @@ def low_pass(vertices: Tensor, faces: Tensor, wavelength: float) -> Tensor:
     Returns:
         (N, 3).
     """
-    edges = torch.cat([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    edges = half_edges(faces)
     length = float((vertices[edges[:, 0]] - vertices[edges[:, 1]]).norm(dim=1).mean())
     # A wave is an eigenvector of the average over neighbours; six of them on a plane make it 1 - (pi h / wavelength)^2.
     limit = math.acos(max(-1.0, 1.0 - (math.pi * length / wavelength) ** 2))
     factors = _chebyshev_low_pass(limit, math.ceil(_SHARPNESS / limit))
-    neighbours, begin = _neighbours(edges, len(vertices))
+    neighbours, begin = neighbours_of_vertices(faces, len(vertices))
 
     def average(x: Tensor) -> Tensor:
         return functional.embedding_bag(neighbours, x, begin, mode="mean")
@@ -80,10 +81,3 @@ def _chebyshev_low_pass(limit: float, order: int) -> list[float]:
     window = 0.54 + 0.46 * torch.cos(n * math.pi / (order + 1))
     factors = torch.cat([n.new_tensor([limit / math.pi]), 2.0 * torch.sin(n * limit) / (n * math.pi) * window])
     return (factors / factors.sum()).tolist()  # What has no waves at all stays exactly where it is.
-
-
-def _neighbours(edges: Tensor, count: int) -> tuple[Tensor, Tensor]:
-    """The neighbours of every vertex one after the other, and where each vertex's begin."""
-    pairs = torch.unique(torch.cat([edges[:, 0] * count + edges[:, 1], edges[:, 1] * count + edges[:, 0]]))
-    degrees = torch.bincount(pairs // count, minlength=count)
-    return pairs % count, degrees.cumsum(0) - degrees
