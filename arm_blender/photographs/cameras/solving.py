@@ -1,7 +1,7 @@
 """Photographs without cameras to a capture: the object stands upright in a box, its masks are those of all pictures."""
 
 import tempfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from ...views.foreground import Heard, unheard
 from ..capture import Capture, Lens, PosedPhotograph
 from .attempts import COLORS, PICTURES, Attempt, are_split, best_attempt
 from .standing import Upright
-from .trust import FEWEST, Trust
+from .trust import FEWEST, Trust, seen_around
 from .working_copies import WorkingCopy, working_copies
 
 BETTER = "give 20 pictures or more from all around, each showing most of what the one before it shows; "
@@ -91,6 +91,8 @@ def solved(
             share = part(progress, 0.85 + 0.14 * look / _LOOKS, 0.85 + 0.14 * (look + 1) / _LOOKS)
             found = found.looked_again(work, options.seed, share)
         stand = found.standing(options.seed)
+        trust = seen_around(found.trust, stand.c2w(found.solution.w2c)[:, :3, 3])
+        found = replace(found, trust=trust)
         capture = _capture(found, stand, copies, folder, left_out)
     for copy in found.copies:
         for way in copy.told:

@@ -1,7 +1,12 @@
 """How far a solution is to be trusted: a wrong one looks as fine as a right one to the solver itself."""
 
+import math
 from dataclasses import dataclass
 from typing import Literal
+
+import torch
+from torch import Tensor
+from torch.nn.functional import normalize
 
 from ...graphics.similarity import similarity
 from ..masks.joint_hull import JointHull
@@ -42,6 +47,16 @@ REGISTERED = 0.8, 0.6
 
 SHARED = 0.03, 0.1
 """Of the distance to the object, how far two ways to solve may put a camera apart, the median."""
+
+
+GRAZING = 0.2
+"""Cosine between a side's normal and a camera's direction up to which the camera sees nothing of that side."""
+
+UNSEEN = 0.2
+"""Of an object's sides, the share that no camera sees from which on its pictures do not go around it."""
+
+_SIDES = 72
+"""That are asked for."""
 
 
 @dataclass(frozen=True)
@@ -129,6 +144,22 @@ def borne_out(trust: Trust, hull: JointHull | None) -> Trust:
     if agreement < TOGETHER:
         return Trust(trust.level, trust.reasons, measures)
     return Trust("good", (), measures)
+
+
+def seen_around(trust: Trust, centers: Tensor) -> Trust:
+    """The judgement of an object's capture, which shows what its pictures show and no more.
+
+    Args:
+        centers: (V, 3) of the cameras; the object stands about the origin, Z is up.
+    """
+    azimuth = torch.arange(_SIDES) / _SIDES * 2.0 * math.pi
+    side = torch.stack([azimuth.cos(), azimuth.sin(), torch.zeros_like(azimuth)]).to(centers)
+    unseen = float((normalize(centers, dim=1) @ side <= GRAZING).all(dim=0).double().mean())
+    measures = trust.measures | {"sides unseen": unseen}
+    if unseen <= UNSEEN:
+        return Trust(trust.level, trust.reasons, measures)
+    reason = f"no picture shows {unseen:.0%} of the sides of the object"
+    return _trust([(trust.level, why) for why in trust.reasons] + [("doubtful", reason)], measures)
 
 
 def distance_apart(first: Solution, second: Solution) -> float:

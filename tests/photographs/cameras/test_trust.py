@@ -6,7 +6,15 @@ import pytest
 import torch
 
 from arm_blender.graphics.similarity import similarity
-from arm_blender.photographs.cameras.trust import MASKS_APART, Trust, borne_out, compared, distance_apart, judged
+from arm_blender.photographs.cameras.trust import (
+    MASKS_APART,
+    Trust,
+    borne_out,
+    compared,
+    distance_apart,
+    judged,
+    seen_around,
+)
 from arm_blender.photographs.masks.joint_hull import JointHull, joint_hull
 
 from .solutions import LENS, box, masks_of, solution, w2c_ring
@@ -140,3 +148,22 @@ def test_bad_masks_alone_ask_for_no_other_attempt_where_cameras_are_likely_right
 def test_other_doubts_are_not_for_masks_to_lift(doubted):
     assert not Trust("doubtful", (MASKS_APART, "many matches"), {}).doubts_masks_alone
     assert not Trust("wrong", (MASKS_APART,), {}).doubts_masks_alone
+
+
+@pytest.mark.parametrize(
+    ("cameras", "unseen"),
+    [
+        (w2c_ring(12), 0.0),
+        (w2c_ring(12, elevation=1.0), 0.0),
+        (w2c_ring(24)[:12], 0.11),
+        (w2c_ring(24)[:5], 0.4),
+        (w2c_ring(1), 0.56),
+    ],
+)
+def test_pictures_from_one_side_are_doubtful(right, cameras, unseen):
+    """A camera sees a side up to 78 degrees from its normal: half a ring sees all but a ninth."""
+    good = judged(right, 12, None).measures
+    trust = seen_around(Trust("good", (), good), torch.linalg.inv(cameras)[:, :3, 3])
+    assert trust.measures["sides unseen"] == pytest.approx(unseen, abs=0.03)
+    assert trust.level == ("good" if unseen < 0.2 else "doubtful")
+    assert (trust.reasons == ()) == (unseen < 0.2)
