@@ -6,12 +6,16 @@ from torch import Tensor
 from ..graphics.meshes import face_normals, vertex_normals
 from .vertex_graph import VertexGraph
 
-ATTEMPTS = 20
-"""Of evening out what folds; most folds are gone after three."""
+EVENED, KEPT = 4, 16
+"""Times that what folds is evened out, which is enough for most of it; then, that it is left as it was before, with one
+ring more of what is around it each time: three do nearly always."""
+
+SOFT = 6
+"""Rings over which a part that is left as it was passes into what has moved."""
 
 
 def untangled(before: Tensor, after: Tensor, graph: VertexGraph, faces: Tensor) -> Tensor:
-    """(N, 3) vertices `after`, evened out where faces would fold over that did not `before`.
+    """(N, 3) vertices `after`, changed a little where faces would fold over that did not `before`.
 
     Args:
         before: (N, 3). after: (N, 3). faces: (F, 3).
@@ -19,14 +23,21 @@ def untangled(before: Tensor, after: Tensor, graph: VertexGraph, faces: Tensor) 
         (N, 3); `before` itself where nothing else helps.
     """
     known = folded(before, graph, faces)
+    kept, evened = torch.zeros(len(before), 1), after
     moved = after
-    for _ in range(ATTEMPTS):
+    for attempt in range(EVENED + KEPT):
         new = folded(moved, graph, faces) & ~known
         if not bool(new.any()):
             return moved
         touched = torch.zeros(len(before), 1)
         touched[faces[new].flatten()] = 1.0
-        moved = torch.lerp(moved, graph.mean(moved), graph.mean(touched).clamp(min=0.5 * touched))
+        if attempt < EVENED:
+            evened = torch.lerp(moved, graph.mean(moved), graph.mean(touched).clamp(min=0.5 * touched))
+            moved = evened
+        else:
+            kept = torch.maximum(kept, touched)
+            kept = torch.maximum(kept, (graph.mean(kept) > 0.0).to(kept))
+            moved = torch.lerp(evened, before, torch.maximum(kept, graph.smoothed(kept, SOFT)))
     return before
 
 
