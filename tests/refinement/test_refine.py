@@ -7,7 +7,7 @@ from arm_blender.errors import Cancelled
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.graphics.connectivity import manifold_pairs
 from arm_blender.graphics.meshes import face_normals
-from arm_blender.refinement.refine import refine
+from arm_blender.refinement.refine import SWEPT, refine
 from arm_blender.refinement.untangling import folded
 from arm_blender.refinement.vertex_graph import VertexGraph
 from arm_blender.structures import TriangleMesh, ViewSet
@@ -84,6 +84,12 @@ def test_a_dent_that_no_outline_shows_is_found_by_its_pattern():
 def test_nothing_to_improve_stays_as_it_is(views):
     right = ball(radius, 48)
     assert distance(refine(right, views).mesh) < 0.006
+
+
+def test_a_mesh_with_more_vertices_than_are_compared_is_met_as_well(views):
+    fine = ball(wrong_radius, 110)
+    assert len(fine.vertices) > 1.5 * SWEPT
+    assert distance(refine(fine, views).mesh) < 0.4 * distance(fine)
 
 
 def test_a_stop_is_noticed_between_any_two_steps(start, views):
