@@ -45,7 +45,7 @@ USUAL = 1.0
 SWEPT = 16_000
 """Vertices at which colours are compared at most, evenly over the mesh; means over neighbours bridge the others."""
 
-ENOUGH = 0.85
+ENOUGH = 0.8
 """Of the outlines' error before, what may be left: where less is gained, the pictures contradict each other."""
 
 SETTLED = 0.5
