@@ -16,7 +16,7 @@ from .color_sweep import correlation, visibility
 from .displacement import TERMS, TermsConfig, displacement
 from .outline_rows import OutlineRows, outline_rows
 from .picture_evidence import PictureEvidence, evidence
-from .untangling import untangled
+from .untangling import uncrossed, untangled
 from .vertex_graph import VertexGraph
 
 
@@ -97,6 +97,8 @@ def refine(
     for number, scale in enumerate(ROUNDS[:rounds]):
         moved = _moved(seen, graph, first, scale, config, tick(number + 0.3))
         vertices = untangled(vertices, moved, graph, faces)
+        if number == rounds - 1:
+            vertices = uncrossed(first, vertices, graph, faces)
         seen = _look(vertices, faces, graph, pictures, views.images.device, tick(number + 1))
     better = seen.error(seen.trust) < ENOUGH * start.error(seen.trust)
     if not better:

@@ -2,10 +2,15 @@
 
 import torch
 
-from arm_blender.refinement.untangling import folded, untangled
+from arm_blender.graphics.intersections import crossing_faces
+from arm_blender.graphics.surface.isosurface import extract
+from arm_blender.graphics.surface.sample_grid import IsosurfaceConfig
+from arm_blender.refinement.untangling import folded, uncrossed, untangled
 from arm_blender.refinement.vertex_graph import VertexGraph
 
 from .scenes import ball, wrong_radius
+
+GRID = IsosurfaceConfig(48, iso=0.0)
 
 
 def test_what_folds_over_is_undone_and_the_rest_goes_its_way():
@@ -32,3 +37,19 @@ def test_a_fold_that_was_there_before_holds_nothing_back():
     assert int(folded(mesh.vertices, graph, flipped).sum()) == 1
     moved = 1.1 * mesh.vertices
     assert torch.equal(untangled(mesh.vertices, moved, graph, flipped), moved)
+
+
+def test_walls_do_not_pass_through_each_other():
+    gap = extract(
+        lambda p: 20.0 * (0.06 - (p[:, 0].abs() - 0.12).abs()).minimum(0.5 - p[:, 1:].abs().amax(dim=1)), GRID
+    )
+    graph = VertexGraph.of(gap.vertices, gap.faces)
+    x, rest = gap.vertices[:, :1], gap.vertices[:, 1:]
+    inner = (x.abs() < 0.1).float() * (-6.0 * rest.square().sum(dim=1, keepdim=True)).exp()
+    # Two walls side by side, each bulging into the other.
+    after = torch.cat([x - 0.1 * x.sign() * inner, rest], dim=1)
+    assert len(crossing_faces(after, gap.faces)) and not len(crossing_faces(gap.vertices, gap.faces))
+    found = uncrossed(gap.vertices, after, graph, gap.faces)
+    assert not len(crossing_faces(found, gap.faces))
+    moved, meant = ((points - gap.vertices).norm(dim=1).sum() for points in (found, after))
+    assert 0.0 < float(moved) < float(meant)
