@@ -90,7 +90,7 @@ class Quality:
 QUALITIES: dict[str, Quality] = {
     "draft": Quality(grid=64, faces=5_000, texture_size=512, refinement=0),
     "balanced": Quality(grid=80, faces=10_000, texture_size=1024, refinement=2),
-    "final": Quality(grid=192, faces=30_000, texture_size=2048, refinement=3),
+    "final": Quality(grid=128, faces=30_000, texture_size=2048, refinement=3),
 }
 
 

@@ -24,6 +24,8 @@ class TermsConfig:
     """Of the bend of a vertex against its neighbours. Less flattens relief, more leaves the surface rough."""
     anchor: float = 0.06
     """Of a vertex from where it was before all rounds. What no picture shows is held by this alone."""
+    unseen: float = 0.03
+    """The same of a vertex that fewer than two pictures show."""
     edge: float = 0.028
     """Length of the edges of a mesh for which the deviations are meant: a finer one has more vertices to share them."""
     crease: float = 0.05
@@ -64,7 +66,7 @@ def displacement(
         tick: called now and then; what it raises passes through.
     """
     share = (graph.edge / config.edge) ** 2  # Of a vertex, of what one of a mesh with the usual edges stands for.
-    held = vertices.new_full((len(vertices),), share / config.anchor**2)
+    held = torch.where(agreement.compared, share / config.anchor**2, share / config.unseen**2)
     wanted = held * ((home - vertices) * normals).sum(dim=1)
     for row in rows:
         weight = row.weight / config.outline**2

@@ -16,7 +16,7 @@ from .color_sweep import correlation, visibility
 from .displacement import TERMS, TermsConfig, displacement
 from .outline_rows import OutlineRows, outline_rows
 from .picture_evidence import PictureEvidence, evidence
-from .untangling import untangled
+from .untangling import uncrossed, untangled
 from .vertex_graph import VertexGraph
 
 
@@ -41,6 +41,12 @@ DOUBTED = 3.0
 
 USUAL = 1.0
 """Fine pixels: an error below that is nothing to doubt a view for."""
+
+SWEPT = 16_000
+"""Vertices at which colours are compared at most, evenly over the mesh; means over neighbours bridge the others."""
+
+ENOUGH = 0.8
+"""Of the outlines' error before, what may be left: where less is gained, the pictures contradict each other."""
 
 SETTLED = 0.5
 """How far a vertex slides along the surface towards the middle of its neighbours after a round."""
@@ -91,8 +97,10 @@ def refine(
     for number, scale in enumerate(ROUNDS[:rounds]):
         moved = _moved(seen, graph, first, scale, config, tick(number + 0.3))
         vertices = untangled(vertices, moved, graph, faces)
+        if number == rounds - 1:
+            vertices = uncrossed(first, vertices, graph, faces)
         seen = _look(vertices, faces, graph, pictures, views.images.device, tick(number + 1))
-    better = seen.error(seen.trust) < start.error(seen.trust)
+    better = seen.error(seen.trust) < ENOUGH * start.error(seen.trust)
     if not better:
         vertices = first
     pixel = float(torch.tensor([view.doubled for view in pictures]).mean())
@@ -169,6 +177,9 @@ def _moved(
     """(N, 3) vertices after a round, on the CPU."""
     trust = look.trust
     seen = visibility(look.vertices, look.normals, look.pictures, look.fragments) * trust[:, None].to(look.vertices)
+    skipped = torch.ones(seen.shape[1], dtype=torch.bool)
+    skipped[:: -(-seen.shape[1] // SWEPT)] = False
+    seen[:, skipped] = 0.0
     offsets = (torch.arange(PLACES) - PLACES // 2) * scale.step
     alike, weight = correlation(look.vertices, look.normals, seen, look.pictures, scale.spacing, offsets.to(seen), tick)
     agreement = Agreement.of(graph, offsets, alike.cpu(), weight.cpu())

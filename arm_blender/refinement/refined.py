@@ -37,5 +37,7 @@ def refined(
         "symmetry": False,
     }
     if not found.better:
-        report.leave_out("refinement of the shape", "the mesh did not come closer to the outlines of its pictures")
+        report.leave_out(
+            "refinement of the shape", "the outlines of its pictures contradict each other, or it met them already"
+        )
     return found.mesh

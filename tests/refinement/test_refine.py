@@ -1,5 +1,7 @@
 """What the pictures show is found again, and pictures that disagree make nothing worse."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -7,7 +9,7 @@ from arm_blender.errors import Cancelled
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.graphics.connectivity import manifold_pairs
 from arm_blender.graphics.meshes import face_normals
-from arm_blender.refinement.refine import refine
+from arm_blender.refinement.refine import SWEPT, refine
 from arm_blender.refinement.untangling import folded
 from arm_blender.refinement.vertex_graph import VertexGraph
 from arm_blender.structures import TriangleMesh, ViewSet
@@ -84,6 +86,23 @@ def test_a_dent_that_no_outline_shows_is_found_by_its_pattern():
 def test_nothing_to_improve_stays_as_it_is(views):
     right = ball(radius, 48)
     assert distance(refine(right, views).mesh) < 0.006
+
+
+def test_a_border_that_cuts_the_object_is_no_outline(views):
+    right, middle = ball(radius, 48), 80
+    images = views.images.clone()
+    images[:3, :, :, middle:] = 0.0
+    cut = replace(views, images=images, known=((0, 0, middle, 160),) * 3 + ((0, 0, 160, 160),) * 3)
+    found = refine(right, cut)
+    assert found.after < 0.3 and distance(found.mesh) < 0.006
+    # The same pictures, taken for whole ones, ask for half an object.
+    assert refine(right, replace(cut, known=None)).before > 10.0 * found.before
+
+
+def test_a_mesh_with_more_vertices_than_are_compared_is_met_as_well(views):
+    fine = ball(wrong_radius, 110)
+    assert len(fine.vertices) > 1.5 * SWEPT
+    assert distance(refine(fine, views).mesh) < 0.4 * distance(fine)
 
 
 def test_a_stop_is_noticed_between_any_two_steps(start, views):

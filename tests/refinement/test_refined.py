@@ -41,11 +41,12 @@ def test_no_rounds_say_nothing(views):
 
 
 def test_pictures_that_contradict_each_other_leave_the_mesh(views):
-    said = report()
-    right = ball(radius, 48)
-    # Each picture stands where another was taken: nothing that one asks for pleases the next.
-    mixed = replace(views, images=views.images[[3, 5, 4, 1, 0, 2]].roll((9, -7), (2, 3)))
-    mesh = refined(right, mixed, 1, said)
+    start, said = ball(wrong_radius, 32), report()
+    # Masks stand where no two agree: each as far off as the object is wide.
+    shifts = ((50, 0), (-50, 20), (0, 50), (20, -50), (-40, -40), (45, 45))
+    mixed = [image.roll(shift, (1, 2)) for image, shift in zip(views.images, shifts, strict=True)]
+    mesh = refined(start, replace(views, images=torch.stack(mixed)), 1, said)
     told = said.as_dict()["refinement"]
-    kept = torch.equal(mesh.vertices, right.vertices)
-    assert kept == (told["outline_error_after"] >= told["outline_error_before"]) == bool(said.left_out)
+    assert torch.equal(mesh.vertices, start.vertices)
+    assert told["outline_error_after"] > 0.8 * told["outline_error_before"]
+    assert "contradict" in said.left_out[0].why

@@ -35,7 +35,9 @@ def _cold(views: Path, trial: Trial) -> float:
     settings = trial.settings
     with tempfile.TemporaryDirectory() as folder:
         words = [str(views), "--output", folder, "--preset", settings.preset, "--quality", settings.quality]
-        for name, value in (("weights", settings.weights_folder), ("grid", settings.grid), ("faces", settings.faces)):
+        own = {"weights": settings.weights_folder}
+        own |= {name: getattr(settings, name) for name in ("grid", "faces", "refinement")}
+        for name, value in own.items():
             words += [] if value is None else [f"--{name}", str(value)]
         start = time.perf_counter()
         done = subprocess.run(

@@ -32,7 +32,8 @@ from .figures import panels
 
 logger = logging.getLogger(__name__)
 
-GRIDS, FACES, TEXTURES, VIEWS = (48, 64, 96, 192, 256), (2_000, 5_000, 20_000, 40_000), (256, 512, 2048), (1, 2, 4)
+GRIDS, FACES, TEXTURES, VIEWS = (48, 64, 128, 192, 256), (2_000, 5_000, 20_000, 40_000), (256, 512, 2048), (1, 2, 4)
+ROUNDS = (0, 1, 3)
 INPUTS = 6
 
 REPEATS = 2
@@ -57,6 +58,7 @@ class SweepRow:
     """Means over the objects at one point; the field names are the columns of the CSV.
 
     Attributes:
+        rounds: of the refinement.
         psnr: dB, of the baked colour rendered into all six views, those that were not given among them.
         shape_seconds, unwrap_seconds, appearance_seconds: of the pipeline's stages.
     """
@@ -65,11 +67,13 @@ class SweepRow:
     grid: int
     face_budget: int
     texture_size: int
+    rounds: int
     views: int
     faces: float
     f_coarse: float
     f_fine: float
     chamfer: float
+    angle: float
     psnr: float
     shape_seconds: float
     unwrap_seconds: float
@@ -87,6 +91,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--grids", type=int, nargs="*", default=GRIDS, help="samples a side")
     parser.add_argument("--faces", type=int, nargs="*", default=FACES, help="face budgets")
     parser.add_argument("--textures", type=int, nargs="*", default=TEXTURES, help="largest texels a side")
+    parser.add_argument("--rounds", type=int, nargs="*", default=ROUNDS, help="of the refinement")
     parser.add_argument("--counts", type=int, nargs="*", default=VIEWS, help="numbers of views")
     parser.add_argument("--output", type=Path, default=Path("docs/error-and-time.md"), help="the CSV goes beside it")
     parser.add_argument("--plot", type=Path, default=Path("docs/images/error-and-time.png"))
@@ -113,7 +118,12 @@ def points(args: argparse.Namespace) -> Iterator[Point]:
     base = Settings(preset=args.preset, device=args.device, seed=args.seed)
     for level in get_args(QualityName):
         yield Point(level, replace(base, quality=level))
-    for name, values in (("grid", args.grids), ("faces", args.faces), ("texture_size", args.textures)):
+    for name, values in (
+        ("grid", args.grids),
+        ("faces", args.faces),
+        ("texture_size", args.textures),
+        ("refinement", args.rounds),
+    ):
         yield from (Point(name.replace("_", " "), replace(base, **{name: value})) for value in values)
     yield from (Point("views", base, count) for count in args.counts)
     yield Point(f"{base.quality} again", base)
@@ -121,7 +131,7 @@ def points(args: argparse.Namespace) -> Iterator[Point]:
 
 def measure(objects: list[EvaluationObject], point: Point, seed: int) -> SweepRow:
     """Means over the objects at one point; an object without a surface counts as failed."""
-    totals = torch.zeros(5 + len(STAGES), dtype=torch.float64)
+    totals = torch.zeros(6 + len(STAGES), dtype=torch.float64)
     for item in objects:
         views = item.views()
         if len(views.cameras) != INPUTS:
@@ -143,6 +153,7 @@ def measure(objects: list[EvaluationObject], point: Point, seed: int) -> SweepRo
         level.grid,
         level.faces,
         level.texture_size,
+        level.refinement,
         point.views,
         *(totals / len(objects)).tolist(),
     )
@@ -192,15 +203,14 @@ def csv_text(rows: list[SweepRow]) -> str:
 
 def document(rows: list[SweepRow], objects: int, command: str, picture: Path) -> str:
     """The Markdown document: what was measured, the table, the plot, and the command that made it."""
-    header = ["turned", "grid", "face budget", "texels", "views", "faces", "F@0.1", "F@0.02", "CD", "PSNR"]
-    header += ["shape s", "unwrap s", "appearance s", "sum s"]
+    header = ["turned", "grid", "face budget", "texels", "rounds", "views", "faces", "F@0.1", "F@0.02", "CD"]
+    header += ["normals °", "PSNR", "shape s", "unwrap s", "appearance s", "sum s"]
     table = []
     for r in rows:
-        knobs = [r.label, r.grid, r.face_budget, r.texture_size, r.views, round(r.faces)]
+        knobs = [r.label, r.grid, r.face_budget, r.texture_size, r.rounds, r.views, round(r.faces)]
         seconds = (r.shape_seconds, r.unwrap_seconds, r.appearance_seconds, r.seconds)
-        table.append(
-            [*knobs, r.f_coarse, r.f_fine, f"{r.chamfer:.4f}", f"{r.psnr:.1f}", *(f"{s:.1f}" for s in seconds)]
-        )
+        scores = [r.f_coarse, r.f_fine, f"{r.chamfer:.4f}", f"{r.angle:.1f}", f"{r.psnr:.1f}"]
+        table.append([*knobs, *scores, *(f"{s:.1f}" for s in seconds)])
     front = unbeaten(rows)
     beaten = [_name(row) for row in rows if row.label in QUALITIES and row not in front]
     gains = f" Not on it: {', '.join(beaten)}; what they add, these measures do not see." if beaten else ""
@@ -209,7 +219,8 @@ def document(rows: list[SweepRow], objects: int, command: str, picture: Path) ->
         f"Means over {objects} object{'s' * (objects > 1)}, on {torch.get_num_threads()} CPU threads. The first "
         "rows are the quality levels; in the others one knob of *balanced* is turned. F-scores and the Chamfer "
         "distance (CD) compare "
-        "100,000 points of each surface with the truth, whose longest side is 2. *PSNR*: the baked colour rendered "
+        "100,000 points of each surface with the truth, whose longest side is 2; *rounds* are those of the refinement, "
+        "*normals* the mean angle between normals. *PSNR*: the baked colour rendered "
         "into all six views, in dB. Seconds are those of the stages of `generate`, without files, the "
         f"shorter of {REPEATS} runs.",
         f"![Error against run time]({picture.as_posix()})",
@@ -250,5 +261,6 @@ def plot(rows: list[SweepRow], path: Path) -> None:
 def _name(row: SweepRow) -> str:
     if row.label in QUALITIES:
         return f"*{row.label}*"
-    values = {"grid": row.grid, "faces": row.face_budget, "texture size": row.texture_size, "views": row.views}
+    values = {"grid": row.grid, "faces": row.face_budget, "texture size": row.texture_size}
+    values |= {"refinement": row.rounds, "views": row.views}
     return f"{row.label} {values.get(row.label, '')}".strip()

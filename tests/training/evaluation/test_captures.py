@@ -58,7 +58,7 @@ def test_two_cameras_are_too_few_to_compare():
 def result(said: str, centers: list[float], spoilt: str | None = None) -> CaptureResult:
     answer = Answer(said, "the pictures do not agree", 100.0, 2000.0)
     errors = {str(index): error for index, error in enumerate(centers)}
-    scores = SystemResult(GeometryScores(0.9, 0.6, 0.05), maps={"albedo": replace(MISSED, psnr_in=20.0)})
+    scores = SystemResult(GeometryScores(0.9, 0.6, 0.05, 15.0), maps={"albedo": replace(MISSED, psnr_in=20.0)})
     made = None if said == REFUSED else scores
     return CaptureResult("mug-0", spoilt, 10, answer, errors, made, made)
 

@@ -30,7 +30,7 @@ from training.evaluation.tables.shape_table import ObjectResult, mean_scores, ve
 from training.studies import sweep
 from training.studies.left_out import variants
 
-GOOD, FAIR = GeometryScores(0.9, 0.5, 0.04), GeometryScores(0.8, 0.4, 0.06)
+GOOD, FAIR = GeometryScores(0.9, 0.5, 0.04, 20.0), GeometryScores(0.8, 0.4, 0.06, 25.0)
 
 
 def ball(radius: float = 0.8) -> TriangleMesh:
@@ -79,9 +79,9 @@ def test_a_network_that_finds_nothing_fails_and_stays_in_the_mean(ball_views, tm
     monkeypatch.delenv("ARM_DATA", raising=False)
     monkeypatch.setattr(pipeline, "shape", nothing)
     assert main(["evaluate", "--views", str(ball_views), "--output", str(tmp_path), "--grid", "32", "--no-sheets"]) == 0
-    assert capsys.readouterr().out.count("does NOT beat") == 3
+    assert capsys.readouterr().out.count("does NOT beat") == 4
     results = json.loads((tmp_path / "results.json").read_text())
-    assert results["mean"]["ours"] == {"f_coarse": 0.0, "f_fine": 0.0, "chamfer": None}
+    assert results["mean"]["ours"] == {"f_coarse": 0.0, "f_fine": 0.0, "chamfer": None, "angle": 90.0}
 
 
 def test_the_means_are_over_all_objects():
@@ -92,9 +92,9 @@ def test_the_means_are_over_all_objects():
 
 
 def test_the_verdict_knows_that_a_small_distance_is_good():
-    assert verdict([result(GOOD, FAIR)]).count("the network beats") == 3
-    assert verdict([result(FAIR, GOOD)]).count("does NOT beat") == 3
-    assert verdict([result(GOOD, GOOD)]).count("does NOT beat") == 3  # Equal is not better.
+    assert verdict([result(GOOD, FAIR)]).count("the network beats") == 4
+    assert verdict([result(FAIR, GOOD)]).count("does NOT beat") == 4
+    assert verdict([result(GOOD, GOOD)]).count("does NOT beat") == 4  # Equal is not better.
 
 
 @pytest.fixture
@@ -115,7 +115,7 @@ def quick_sweep(monkeypatch, ball_views):
     monkeypatch.setattr(pipeline, "generate", generate)
 
 
-SWEEP = ["--grids", "48", "--faces", "500", "1000", "--textures", "256", "--counts", "1", "2"]
+SWEEP = ["--grids", "48", "--faces", "500", "1000", "--textures", "256", "--rounds", "0", "--counts", "1", "2"]
 
 
 def test_a_sweep_turns_every_knob_and_has_a_row_for_every_quality(ball_views, tmp_path, quick_sweep):
@@ -123,7 +123,7 @@ def test_a_sweep_turns_every_knob_and_has_a_row_for_every_quality(ball_views, tm
     words = ["--views", str(ball_views), *SWEEP, "--output", str(output), "--plot", str(picture)]
     assert main(["sweep", *words]) == 0
     rows = list(csv.DictReader(output.with_suffix(".csv").open()))
-    turned = ["grid", *["faces"] * 2, "texture size", *["views"] * 2]
+    turned = ["grid", *["faces"] * 2, "texture size", "refinement", *["views"] * 2]
     assert [row["label"] for row in rows] == [*QUALITIES, *turned, "balanced again"]
     assert [int(row["views"]) for row in rows if row["label"] == "views"] == [1, 2]
     assert all(float(row["f_coarse"]) == 1.0 and float(row["faces"]) == len(ball().faces) for row in rows)
@@ -141,12 +141,12 @@ def test_a_sweep_goes_on_where_a_grid_finds_nothing(ball_views, tmp_path, quick_
 
 
 def sweep_row(seconds: float, chamfer: float) -> sweep.SweepRow:
-    return sweep.SweepRow("grid", 64, 500, 256, 6, 500.0, 1.0, 1.0, chamfer, 30.0, seconds, 0.0, 0.0)
+    return sweep.SweepRow("grid", 64, 500, 256, 2, 6, 500.0, 1.0, 1.0, chamfer, 15.0, 30.0, seconds, 0.0, 0.0)
 
 
 def test_a_point_is_beaten_by_more_than_noise_in_one_thing_and_by_none_in_the_others():
     def row(seconds: float, chamfer: float, psnr: float) -> sweep.SweepRow:
-        return sweep.SweepRow("grid", 64, 1, 1, 6, 1.0, 0.0, 0.0, chamfer, psnr, seconds, 0.0, 0.0)
+        return sweep.SweepRow("grid", 64, 1, 1, 2, 6, 1.0, 0.0, 0.0, chamfer, 15.0, psnr, seconds, 0.0, 0.0)
 
     fast, good = row(1.0, 0.050, 25.0), row(10.0, 0.040, 26.0)
     alike = [row(1.1, 0.0504, 24.95), row(9.0, 0.0397, 25.95)]

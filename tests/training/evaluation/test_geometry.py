@@ -52,6 +52,20 @@ def test_parallel_planes_lie_twice_their_distance_apart():
     assert compare(square(0.3), square(0.0), SAMPLES).chamfer == pytest.approx(0.6, rel=0.01)
 
 
+def test_normals_are_compared_without_their_sign():
+    turned = TriangleMesh(square(0.0).vertices, square(0.0).faces.flip(1))
+    assert compare(turned, square(0.0), SAMPLES).angle == pytest.approx(0.0, abs=0.05)
+    assert compare(sphere(0.8), sphere(0.8), SAMPLES).angle < 3.0
+
+
+@pytest.mark.parametrize("degrees", [10.0, 30.0])
+def test_a_tilted_square_is_off_by_its_angle(degrees):
+    cosine, sine = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    turn = torch.tensor([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
+    tilted = TriangleMesh(square(0.0).vertices @ turn.T, square(0.0).faces)
+    assert compare(tilted, square(0.0), SAMPLES).angle == pytest.approx(degrees, abs=0.05)
+
+
 def test_half_a_square_has_full_precision_and_half_the_recall():
     half = TriangleMesh(square(0.0).vertices, square(0.0).faces[:1])
     precision, triangle_and_band = 1.0, 0.5 + 0.1 * math.sqrt(2.0) / 2.0  # A band of 0.1 along the diagonal is met too.

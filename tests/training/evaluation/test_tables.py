@@ -26,7 +26,7 @@ MAPS = ("albedo", "roughness", "metallic", "lit", "relit", "albedo scaled")
 
 def system(level: float) -> SystemResult:
     """1 is perfect, 0 is nothing."""
-    shape = GeometryScores(level, level, 0.2 * (1.0 - level))
+    shape = GeometryScores(level, level, 0.2 * (1.0 - level), 60.0 * (1.0 - level))
     return SystemResult(shape, shape, level, dict.fromkeys(MAPS, ImageScores(40.0 * level, 50.0 * level, level)))
 
 

@@ -2,7 +2,8 @@
 
 The views are posed, so the prediction already lies in the truth's frame: nothing is aligned here, and no search over
 poses can flatter a result (`alignment` is for shapes whose frame is unknown). The Chamfer distance is the sum of both
-mean distances, unsquared.
+mean distances, unsquared. Normals are compared where a predicted point lies nearest to the truth, without their sign:
+scans have faces that are turned over.
 """
 
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from arm_blender.graphics.meshes import sample_surface
+from arm_blender.graphics.meshes import face_normals, sample_surface
 from arm_blender.structures import TriangleMesh, UvMesh
 
 from ...rendering.occupancy import in_front, views_around
@@ -29,18 +30,22 @@ class GeometryScores:
         f_coarse: F-score at 0.1 world units, in [0, 1]; the paper's.
         f_fine: F-score at 0.02.
         chamfer: mean distance from prediction to truth plus mean distance from truth to prediction, world units.
+        angle: between the normals of predicted points and those of the nearest true ones, degrees in [0, 90], mean.
     """
 
     f_coarse: float
     f_fine: float
     chamfer: float
+    angle: float
 
 
-FAILED = GeometryScores(f_coarse=0.0, f_fine=0.0, chamfer=float("inf"))
+FAILED = GeometryScores(f_coarse=0.0, f_fine=0.0, chamfer=float("inf"), angle=90.0)
 """Of an object without a surface: it stays in the means."""
 
-MEASURES = {"f_coarse": "F@0.1", "f_fine": "F@0.02", "chamfer": "CD"}
+MEASURES = {"f_coarse": "F@0.1", "f_fine": "F@0.02", "chamfer": "CD", "angle": "normals °"}
 """The scores' names in tables."""
+
+LOWER_IS_BETTER = ("chamfer", "angle")
 
 
 def compare(
@@ -55,17 +60,45 @@ def compare(
         ValueError: a mesh has no area.
     """
     generator = torch.Generator().manual_seed(seed)
-    a, b = (sample_surface(mesh.vertices, mesh.faces, samples, generator)[0].numpy() for mesh in (predicted, truth))
-    return compare_points(a, b)
+    return compare_points(*(Points.on(mesh, samples, generator) for mesh in (predicted, truth)))
 
 
-def compare_points(a: NDArray[np.float32], b: NDArray[np.float32]) -> GeometryScores:
-    """Scores of points (P, 3) on a predicted surface against points (Q, 3) on the true one."""
-    to_truth, to_predicted = cKDTree(b).query(a)[0], cKDTree(a).query(b)[0]
+@dataclass(frozen=True)
+class Points:
+    """Points on a surface.
+
+    Attributes:
+        position: (P, 3) world.
+        normal: (P, 3) unit, of the face that each lies on.
+    """
+
+    position: NDArray[np.float32]
+    normal: NDArray[np.float32]
+
+    @staticmethod
+    def on(mesh: TriangleMesh | UvMesh, count: int, generator: torch.Generator) -> "Points":
+        """Spread evenly over a mesh.
+
+        Raises:
+            ValueError: it has no area.
+        """
+        position, face, _ = sample_surface(mesh.vertices, mesh.faces, count, generator)
+        return Points(position.numpy(), face_normals(mesh.vertices, mesh.faces)[face].numpy())
+
+    def __getitem__(self, chosen: NDArray[np.bool_] | slice) -> "Points":
+        return Points(self.position[chosen], self.normal[chosen])
+
+
+def compare_points(a: Points, b: Points) -> GeometryScores:
+    """Scores of points on a predicted surface against points on the true one."""
+    to_truth, nearest = cKDTree(b.position).query(a.position)
+    to_predicted = cKDTree(a.position).query(b.position)[0]
+    cosine = np.abs((a.normal * b.normal[nearest]).sum(axis=1)).clip(0.0, 1.0)
     return GeometryScores(
         f_coarse=f_score(to_truth, to_predicted, 0.1),
         f_fine=f_score(to_truth, to_predicted, 0.02),
         chamfer=float(to_truth.mean() + to_predicted.mean()),
+        angle=float(np.degrees(np.arccos(cosine)).mean()),
     )
 
 
@@ -78,9 +111,10 @@ def ceiling(truth: TriangleMesh, samples: int = SAMPLES, seed: int = 0) -> Geome
         ValueError: the mesh has no area.
     """
     generator = torch.Generator().manual_seed(seed)
-    points, whole = (sample_surface(truth.vertices, truth.faces, n, generator)[0] for n in (2 * samples, samples))
+    points, whole = (Points.on(truth, n, generator) for n in (2 * samples, samples))
     views, pixel = views_around(truth)
-    return compare_points(points[in_front(points, views, -pixel)][:samples].numpy(), whole.numpy())
+    seen = in_front(torch.from_numpy(points.position), views, -pixel).numpy()
+    return compare_points(points[seen][:samples], whole)
 
 
 def f_score(to_truth: NDArray[np.float64], to_predicted: NDArray[np.float64], threshold: float) -> float:

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from typing import Any
 
 from ...documents import markdown_table
-from ..scores.geometry import MEASURES
+from ..scores.geometry import LOWER_IS_BETTER, MEASURES
 from ..scores.image_scores import best_constant, constant_score
 from ..trials.measure import BLEND, HULL, MAPS, ONE_VIEW, OURS, SCALED, ObjectResult
 from .bars import Reader, geometry_score, map_score, mean
@@ -29,15 +29,16 @@ def means_table(results: Sequence[ObjectResult], kind: str) -> str:
 
 def objects_table(results: Sequence[ObjectResult]) -> str:
     """Markdown: a row per object, ours beside the hull, and the geometry's ceiling."""
-    header = ["object", "set", "F@0.1", "hull", "ceiling", "F@0.02", "hull", "ceiling", "CD", "hull", "ceiling", "IoU"]
+    header = ["object", "set", "F@0.1", "hull", "ceiling", "F@0.02", "hull", "ceiling", "CD", "hull", "ceiling"]
+    header += [MEASURES["angle"], "hull", "ceiling", "IoU"]
     header += [f"{name} in" for name in MAPS] + ["plain blend in", "one view F@0.1", "seconds"]
     rows = []
     for result in sorted(results, key=lambda r: (r.kind, r.name)):
         ours, hull = result.systems[OURS], result.systems[HULL]
         row: list[Any] = [result.name, result.kind]
-        for name in MEASURES:
+        for name, title in MEASURES.items():
             shapes = (ours.geometry or ours.aligned, hull.geometry, result.ceiling)
-            row += [_digits(getattr(shape, name), "F") for shape in shapes]
+            row += [_digits(getattr(shape, name), title) for shape in shapes]
         row.append(_digits(ours.overlap, "IoU"))
         row += [_digits(ours.maps[name].psnr_in if name in ours.maps else None, "in") for name in MAPS]
         blend, one = result.systems.get(BLEND), result.systems.get(ONE_VIEW)
@@ -55,7 +56,7 @@ def verdicts(results: Sequence[ObjectResult]) -> str:
         for name, title in MEASURES.items():
             read = geometry_score(name)
             pair = mean(chosen, (), OURS, read), mean(chosen, (), HULL, read)
-            sentences.append(_sentence(f"{kind}, {title}: GeoRM", "the visual hull", *pair, name == "chamfer"))
+            sentences.append(_sentence(f"{kind}, {title}: GeoRM", "the visual hull", *pair, name in LOWER_IS_BETTER))
         albedo = map_score("albedo", "psnr_in")
         pair = mean(chosen, (), OURS, albedo), mean(chosen, (), BLEND, albedo)
         sentences.append(_sentence(f"{kind}, albedo: InstantAlbedo", "plain blending of the views", *pair))
@@ -111,7 +112,7 @@ def _readers() -> list[Reader]:
 def _digits(value: float | None, column: str) -> str:
     if value is None or not math.isfinite(value):
         return "-"
-    return f"{value:.1f}" if column.endswith(("in", "full")) else f"{value:.3f}"
+    return f"{value:.1f}" if column.endswith(("in", "full")) or "°" in column else f"{value:.3f}"
 
 
 def without_empty(header: list[str], rows: list[list[str]]) -> tuple[list[str], list[list[str]]]:

@@ -22,7 +22,7 @@ from arm_blender.uv.decimate import decimate
 from arm_blender.views.scene_frame import normalise
 
 from ...documents import fill_block, markdown_table, paragraphs, write_text
-from ..scores.geometry import FAILED, MEASURES, SAMPLES, GeometryScores, compare
+from ..scores.geometry import FAILED, LOWER_IS_BETTER, MEASURES, SAMPLES, GeometryScores, compare
 from ..trials.hull_mesh import visual_hull
 from ..trials.trial import trial_settings
 from ..truth.objects import EvaluationObject, evaluation_objects
@@ -129,7 +129,7 @@ def verdict(results: list[ObjectResult]) -> str:
     ours, hull = mean_scores(results, "ours"), mean_scores(results, "hull")
     sentences = []
     for name, text in MEASURES.items():
-        sign = -1.0 if name == "chamfer" else 1.0
+        sign = -1.0 if name in LOWER_IS_BETTER else 1.0
         wins = sum(sign * (getattr(r.ours, name) - getattr(r.hull, name)) > 0.0 for r in results)
         word = "beats" if sign * (getattr(ours, name) - getattr(hull, name)) > 0.0 else "does NOT beat"
         sentences.append(

@@ -65,6 +65,7 @@ def add_trial_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quality", default="balanced", choices=QUALITIES)
     parser.add_argument("--grid", type=int, help="samples a side; the quality's by default")
     parser.add_argument("--faces", type=int, help="face budget; the quality's by default")
+    parser.add_argument("--refinement", type=int, help="rounds of the shape's refinement; the quality's by default")
     parser.add_argument("--weights", type=Path, metavar="DIR", help="other weights, by the names of the shipped ones")
     parser.add_argument(
         "--also", nargs="*", default=(), metavar="NAME=DIR", help="rows for further weights, as of an ablation"
@@ -77,7 +78,7 @@ def trial_settings(args: argparse.Namespace, weights: Path | None = None) -> Set
     Raises:
         ArmError: a value does not do, or as `networks.check_folder`.
     """
-    words = {name: getattr(args, name) for name in ("preset", "quality", "grid", "faces", "device")}
+    words = {name: getattr(args, name) for name in ("preset", "quality", "grid", "faces", "refinement", "device")}
     settings = Settings(**words, weights_folder=weights or args.weights)
     check_folder(settings)
     return settings
