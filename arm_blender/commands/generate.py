@@ -20,7 +20,7 @@ from ..errors import ArmError, InputImageError
 from ..knobs import DrawingKnobs, Knobs, ViewKnobs, knobs_of, values_of
 from ..machine.files import check_output
 from ..progress import part
-from . import UsageError, mesh_file
+from . import UsageError, mesh_option
 
 if TYPE_CHECKING:
     from ..config import Settings
@@ -55,7 +55,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     result.add_argument("--mesh", type=Path, metavar="FILE", help="your mesh: only its texture is made")
     result.add_argument(
         "--mesh-up",
-        type=mesh_file.up,
+        type=mesh_option.up,
         default="auto",
         metavar="AXIS",
         help="of an OBJ, PLY or STL: y, z, or auto (default): what fits the views",
@@ -152,7 +152,7 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
         report.name, report.views = views.name, source_of(args.views, args.output)
         return views
 
-    own_mesh = None if args.mesh is None else partial(mesh_file.own_mesh, args.mesh, args.mesh_up, report)
+    own_mesh = None if args.mesh is None else partial(mesh_option.own_mesh, args.mesh, args.mesh_up, report)
     drawing = 0.6 if args.multiview != "none" or made else run_of.LOADING_SHARE
     asset = run_of.make(settings, read_views, own_mesh, part(progress, 0.0, 0.85), report, drawing)
     frame = IDENTITY

@@ -107,7 +107,7 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
         with safe_open(path, framework="pt") as file:
             if (file.metadata() or {}).get("format") == checkpoints.FORMAT:
                 raise CheckpointError(f"{path}: was written by this program; there is nothing to import")
-            return {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118  (safe_open is no mapping)
+            return checkpoints.tensors_in(file, path)
     except (SafetensorError, OSError) as error:
         if path.suffix == ".safetensors":
             raise CheckpointError(f"{path}: damaged ({error}); download it again") from error
