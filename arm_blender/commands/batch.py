@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
         for line in lines:
             # A foreign byte in a file's name is no JSON, and no stream takes it.
             print(json.dumps(line, ensure_ascii=False).encode("utf-8", "replace").decode(), flush=True)
-            failed += line["status"] == "failed"
+            failed += line["status"] == "failed" or (args.strict and bool(line.get("doubts")))
     return 1 if failed else 0
 
 
@@ -220,6 +220,7 @@ def _made(item: Item, args: argparse.Namespace) -> dict[str, Any]:
     try:
         with shown(args.progress) as progress:
             report, _ = generate.produce(own, progress, item.name)
+        generate.say_doubts(report, f"{item.views}: ")
         data = report.as_dict()
         outcome = {"status": "done"} | {name: data[name] for name in ("seconds", "faces", "doubts", "left_out")}
     except ArmError as error:

@@ -71,6 +71,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--export", type=formats, default="glb", metavar="F,F", help="besides .blend: glb (default), usd, usdz, obj"
     )
     result.add_argument("--preview", action="store_true", help="also render preview.png, by Cycles")
+    result.add_argument("--strict", action="store_true", help="status 1 where a result may be wrong (doubtful)")
     result.add_argument("--progress", choices=("auto", "always", "never"), default="auto", help="auto: on a terminal")
 
 
@@ -105,14 +106,19 @@ def run(args: argparse.Namespace) -> int:
 
     with shown(args.progress) as progress:
         report, files = produce(args, progress)
-    for why in report.all_doubts:
-        print(f"arm: doubtful: {why}", file=sys.stderr)
+    say_doubts(report)
     if args.json:
         json.dump(report.as_dict(), sys.stdout, indent=2)
         print()
     else:
         print(summary(report), *files, sep="\n")
-    return 0
+    return int(args.strict and bool(report.all_doubts))
+
+
+def say_doubts(report: Report, of: str = "") -> None:
+    """A line on stderr for each reason why a result may be wrong; `of` names it where there are several."""
+    for why in report.all_doubts:
+        print(f"arm: doubtful: {of}{why}", file=sys.stderr)
 
 
 def produce(args: argparse.Namespace, progress: Progress, name: str | None = None) -> tuple[Report, list[Path]]:
