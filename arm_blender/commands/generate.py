@@ -143,6 +143,7 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
     from ..views.scene_frame import IDENTITY
 
     settings, options, kinds = settings_of(args), view_options_of(args), formats_of(args)
+    check_asset_folder(args.output, None, args.views)  # Also before views are made there.
 
     made = views_are_made(args.views, options)
 
