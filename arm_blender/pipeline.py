@@ -82,10 +82,7 @@ def generate(
         with report.stage("shape"), lower_if_short("the shape", "lower --grid or --quality"):
             dense: TriangleMesh | None = None
             if mesh is not None:
-                report.leave_out("reconstruction of the shape", "the shape is given")
-                mesh, turned = facing_out(mesh.to(settings.device).moved(frame.boxed), views.cameras)
-                if turned > 0.0:
-                    report.leave_out(f"the side that {turned:.0%} of the faces looked to", "it was the inner one")
+                mesh = own_shape(mesh.to(settings.device).moved(frame.boxed), views, report)
             else:
                 dense = shape(views, settings, part(progress, *SHARES["shape"]), report)
                 mesh = decimate(dense, settings.resolved.faces)
@@ -109,6 +106,15 @@ def generate(
         report.leave_out("trained weights", f"--random-weights {settings.random_weights}: the asset means nothing")
         name += "-random-weights"  # Objects and files say so, wherever they go.
     return RelightableAsset(name, mesh, material).to("cpu"), report
+
+
+def own_shape(mesh: TriangleMesh | UvMesh, views: ViewSet, report: Report) -> TriangleMesh | UvMesh:
+    """A user's mesh, in the frame of the views, with its faces looking outwards."""
+    report.leave_out("reconstruction of the shape", "the shape is given")
+    mesh, turned = facing_out(mesh, views.cameras)
+    if turned > 0.0:
+        report.leave_out(f"the side that {turned:.0%} of the faces looked to", "it was the inner one")
+    return mesh
 
 
 def shape(
