@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
 from typing import Any, Literal
 
@@ -29,18 +28,15 @@ from .uv.blend import blend
 from .uv.decimate import clean, decimate
 from .uv.exposure import even
 from .uv.given.winding import facing_out
-from .uv.normal_map import bake_normal_map
+from .uv.normal_map import detail
 from .uv.off_colors import off_colors
 from .uv.texels import texel_map
 from .uv.unwrap import UnwrapConfig, unwrap
+from .views.doubts import misfit
 from .views.scene_frame import normalise
 
 GLOSSY_TEXELS = 512
 """Texels a side of the roughness and metallic maps at most: the field behind them is no finer."""
-
-DETAIL_TEXELS = 512
-"""Texels a side of the normal map at most: twice as many take four times as long, and gain little
-(docs/normal-map.md)."""
 
 CONSTANT_TOLERANCE = 0.02
 """A roughness or metallic map that stays this close to one value becomes the value; the eye sees no difference."""
@@ -87,10 +83,7 @@ def generate(
         with report.stage("shape"), lower_if_short("the shape", "lower --grid or --quality"):
             dense: TriangleMesh | None = None
             if mesh is not None:
-                report.leave_out("reconstruction of the shape", "the shape is given")
-                mesh, turned = facing_out(mesh.to(settings.device).moved(frame.boxed), views.cameras)
-                if turned > 0.0:
-                    report.leave_out(f"the side that {turned:.0%} of the faces looked to", "it was the inner one")
+                mesh = own_shape(mesh.to(settings.device).moved(frame.boxed), views, report)
             else:
                 dense = shape(views, settings, part(progress, *SHARES["shape"]), report)
                 mesh = decimate(dense, settings.resolved.faces)
@@ -105,6 +98,8 @@ def generate(
             with report.stage("normal map"), lower_if_short("the normal map", "go without --normal-map"):
                 progress(SHARES["appearance"][1], "baking the normal map")
                 material = detail(mesh, dense, material, report)
+    if not given and settings.random_weights is None:
+        report.doubt(*misfit(mesh, views))
     mesh = frame.restored(mesh, None if given else views.length)
     report.faces, report.charts, report.texture_size = len(mesh.faces), mesh.charts, material.albedo.shape[-1]
     name = views.name
@@ -112,6 +107,15 @@ def generate(
         report.leave_out("trained weights", f"--random-weights {settings.random_weights}: the asset means nothing")
         name += "-random-weights"  # Objects and files say so, wherever they go.
     return RelightableAsset(name, mesh, material).to("cpu"), report
+
+
+def own_shape(mesh: TriangleMesh | UvMesh, views: ViewSet, report: Report) -> TriangleMesh | UvMesh:
+    """A user's mesh, in the frame of the views, with its faces looking outwards."""
+    report.leave_out("reconstruction of the shape", "the shape is given")
+    mesh, turned = facing_out(mesh, views.cameras)
+    if turned > 0.0:
+        report.leave_out(f"the side that {turned:.0%} of the faces looked to", "it was the inner one")
+    return mesh
 
 
 def shape(
@@ -170,18 +174,6 @@ def _encoded(
             encoded = network.encode(pictures).float()
     _require_numbers(encoded.is_finite, name, views, settings)
     return network, encoded
-
-
-def detail(mesh: UvMesh, dense: TriangleMesh | None, material: MaterialMaps, report: Report) -> MaterialMaps:
-    """The material with the normals of the mesh as it was before decimation, None where no face was taken from it."""
-    if dense is None:
-        report.leave_out("normal map", "no face was taken from the mesh")
-        return material
-    size = min(material.albedo.shape[-1], DETAIL_TEXELS)
-    normal, share = bake_normal_map(mesh, dense, size)
-    if share < 1.0:
-        report.leave_out("a part of the normal map", f"{1.0 - share:.2%} of the texels lie off the dense surface")
-    return replace(material, normal=normal)
 
 
 def atlas(mesh: TriangleMesh | UvMesh, settings: Settings, report: Report, progress: Progress) -> UvMesh:

@@ -203,8 +203,9 @@ def test_no_error_is_swallowed(module):
             assert node.type is not None, f"line {node.lineno}: a bare except"
 
 
-def test_the_table_of_extreme_cases_names_tests_that_are_there():
-    named = set(re.findall(r"`(test_\w+)`", (ROOT / "docs" / "extreme-cases.md").read_text(encoding="utf-8")))
+@pytest.mark.parametrize("document", ["extreme-cases.md", "robustness.md"])
+def test_the_tables_of_cases_name_tests_that_are_there(document):
+    named = set(re.findall(r"`(test_\w+)`", (ROOT / "docs" / document).read_text(encoding="utf-8")))
     there = {
         node.name
         for path in (ROOT / "tests").rglob("test_*.py")

@@ -36,7 +36,7 @@ def test_every_knob_is_an_option_that_begins_at_its_default(command):
     args = parser().parse_args([*command, "--output", "OUT"])
     for declared, one in ALL:
         assert getattr(args, one.name) == one.default == vars(declared())[one.name]
-    assert set(batch._COLUMNS) == {one.column for _, one in ALL if one.listed} | {"mesh", "place"}
+    assert set(batch._COLUMNS) == {one.column for _, one in ALL if one.listed} | {"mesh", "mesh_up", "place"}
 
 
 def test_every_config_has_its_knobs_as_they_are_declared():

@@ -18,6 +18,7 @@ from arm_blender.models.transformer import TransformerConfig
 from arm_blender.models.triplane import DecoderConfig, UpsamplerConfig
 from arm_blender.report import Report
 from arm_blender.structures import RelightableAsset, TriangleMesh, ViewSet
+from arm_blender.uv.normal_map import DETAIL_TEXELS
 from arm_blender.views import load_views
 from arm_blender.weight_files import checkpoints
 
@@ -268,7 +269,7 @@ def test_instantmesh_takes_the_material_from_small():
 def test_the_detail_that_decimation_takes_is_kept_where_it_is_asked_for(views):
     asset, report = pipeline.generate(views, replace(QUICK, faces=200, normal_map=True))
     normal = asset.maps.normal
-    assert normal.shape[0] == 3 and normal.shape[-1] <= pipeline.DETAIL_TEXELS and "normal map" in report.seconds
+    assert normal.shape[0] == 3 and normal.shape[-1] <= DETAIL_TEXELS and "normal map" in report.seconds
     torch.testing.assert_close(normal.norm(dim=0), torch.ones(normal.shape[1:]), atol=1e-4, rtol=0.0)
     assert float(normal[2].min()) < 0.999, "a ball of 200 faces has lost something"
     whole, report = pipeline.generate(views, replace(QUICK, faces=10**6, normal_map=True))

@@ -6,6 +6,7 @@ import argparse
 import csv
 import json
 import logging
+import os
 import platform
 import sys
 import time
@@ -19,14 +20,14 @@ from ..errors import ArmError, InputImageError
 from ..knobs import Knobs, ViewKnobs, knobs_of
 from ..machine.files import check_output, clear_unfinished, distinct
 from ..version import VERSION
-from . import UsageError, generate, mesh_file, workers
+from . import UsageError, generate, mesh_option, workers
 
 logger = logging.getLogger(__name__)
 
 _COLUMNS: dict[str, tuple[str, Callable[[str], Any]]] = {
     **{one.column: (one.name, one.kind) for kind in (Knobs, ViewKnobs) for one in knobs_of(kind) if one.listed},
     "mesh": ("mesh", Path),
-    "mesh_up": ("mesh_up", mesh_file.up),
+    "mesh_up": ("mesh_up", mesh_option.up),
     "place": ("place", generate.placement),
 }
 """What an item may say for itself, besides `views` and `name`, with the option that it is; all else is said once."""
@@ -85,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
         for line in lines:
             # A foreign byte in a file's name is no JSON, and no stream takes it.
             print(json.dumps(line, ensure_ascii=False).encode("utf-8", "replace").decode(), flush=True)
-            failed += line["status"] == "failed"
+            failed += line["status"] == "failed" or (args.strict and bool(line.get("doubts")))
     return 1 if failed else 0
 
 
@@ -169,9 +170,14 @@ def _item(row: Any, folder: Path, where: str) -> Item:
         name = str(row.get("name") or (views.resolve().name if views.is_dir() else views.stem))
     except (OSError, ValueError, RuntimeError) as error:  # Too long, a character no name has, links in a circle.
         raise InputImageError(f"{where}: views is {row['views'][:40]!r}, no path; correct it") from error
-    if not name or Path(name).name != name or name.startswith("."):
-        raise InputImageError(f"{where}: name is {name!r}; give a plain file name")
-    return Item(views, name, options)
+    if not name or Path(name).name != name or name.startswith(".") or "\0" in name:
+        raise InputImageError(f"{where}: name is {name[:40]!r}; give a plain file name")
+    return Item(views, _short(name), options)
+
+
+def _short(name: str) -> str:
+    """`name` where files can have it, a number behind included, else its beginning: the others get their turn."""
+    return os.fsencode(name)[: generate.LONGEST_NAME - 10].decode("utf-8", "ignore")
 
 
 def _lines(items: list[Item], args: argparse.Namespace) -> Generator[dict[str, Any], None, None]:
@@ -214,6 +220,7 @@ def _made(item: Item, args: argparse.Namespace) -> dict[str, Any]:
     try:
         with shown(args.progress) as progress:
             report, _ = generate.produce(own, progress, item.name)
+        generate.say_doubts(report, f"{item.views}: ")
         data = report.as_dict()
         outcome = {"status": "done"} | {name: data[name] for name in ("seconds", "faces", "doubts", "left_out")}
     except ArmError as error:

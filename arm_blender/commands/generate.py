@@ -20,7 +20,7 @@ from ..errors import ArmError, InputImageError
 from ..knobs import DrawingKnobs, Knobs, ViewKnobs, knobs_of, values_of
 from ..machine.files import check_output
 from ..progress import part
-from . import UsageError, mesh_file
+from . import UsageError, mesh_option
 
 if TYPE_CHECKING:
     from ..config import Settings
@@ -55,7 +55,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     result.add_argument("--mesh", type=Path, metavar="FILE", help="your mesh: only its texture is made")
     result.add_argument(
         "--mesh-up",
-        type=mesh_file.up,
+        type=mesh_option.up,
         default="auto",
         metavar="AXIS",
         help="of an OBJ, PLY or STL: y, z, or auto (default): what fits the views",
@@ -71,6 +71,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--export", type=formats, default="glb", metavar="F,F", help="besides .blend: glb (default), usd, usdz, obj"
     )
     result.add_argument("--preview", action="store_true", help="also render preview.png, by Cycles")
+    result.add_argument("--strict", action="store_true", help="status 1 where a result may be wrong (doubtful)")
     result.add_argument("--progress", choices=("auto", "always", "never"), default="auto", help="auto: on a terminal")
 
 
@@ -105,14 +106,19 @@ def run(args: argparse.Namespace) -> int:
 
     with shown(args.progress) as progress:
         report, files = produce(args, progress)
-    for why in report.all_doubts:
-        print(f"arm: doubtful: {why}", file=sys.stderr)
+    say_doubts(report)
     if args.json:
         json.dump(report.as_dict(), sys.stdout, indent=2)
         print()
     else:
         print(summary(report), *files, sep="\n")
-    return 0
+    return int(args.strict and bool(report.all_doubts))
+
+
+def say_doubts(report: Report, of: str = "") -> None:
+    """A line on stderr for each reason why a result may be wrong; `of` names it where there are several."""
+    for why in report.all_doubts:
+        print(f"arm: doubtful: {of}{why}", file=sys.stderr)
 
 
 def produce(args: argparse.Namespace, progress: Progress, name: str | None = None) -> tuple[Report, list[Path]]:
@@ -137,6 +143,7 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
     from ..views.scene_frame import IDENTITY
 
     settings, options, kinds = settings_of(args), view_options_of(args), formats_of(args)
+    check_asset_folder(args.output, None, args.views)  # Also before views are made there.
 
     made = views_are_made(args.views, options)
 
@@ -152,7 +159,7 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
         report.name, report.views = views.name, source_of(args.views, args.output)
         return views
 
-    own_mesh = None if args.mesh is None else partial(mesh_file.own_mesh, args.mesh, args.mesh_up, report)
+    own_mesh = None if args.mesh is None else partial(mesh_option.own_mesh, args.mesh, args.mesh_up, report)
     drawing = 0.6 if args.multiview != "none" or made else run_of.LOADING_SHARE
     asset = run_of.make(settings, read_views, own_mesh, part(progress, 0.0, 0.85), report, drawing)
     frame = IDENTITY

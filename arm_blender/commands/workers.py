@@ -126,8 +126,14 @@ class _Foreman(threading.Thread):
             if self._stopped:
                 return None
             if self._worker is None or self._worker.poll() is not None:
+                # In a group of its own: a key that interrupts comes to us alone, and we tell it.
                 self._worker = subprocess.Popen(
-                    self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=self._environment
+                    self._command,
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    env=self._environment,
+                    start_new_session=True,
+                    creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
                 )
         requests, answers = self._worker.stdin, self._worker.stdout
         assert requests is not None and answers is not None  # Both are pipes.

@@ -25,14 +25,14 @@ def source_of(views: Path, directory: Path) -> str:
         return Path(place).as_posix()
 
 
-def check_asset_folder(directory: Path, name: str, views: Path) -> None:
+def check_asset_folder(directory: Path, name: str | None, views: Path) -> None:
     """Makes sure that what is in `directory` is of the asset that is to be written there, or of none.
 
     Views that lie in the folder itself are those that an earlier run has left there for another.
 
     Args:
         directory: need not exist.
-        name: of the asset to be written.
+        name: of the asset to be written; None before it is known, when only its views are compared.
         views: that it is made of.
     Raises:
         OutputError: another asset's files are there, or a .blend that no run has written.
@@ -45,12 +45,16 @@ def check_asset_folder(directory: Path, name: str, views: Path) -> None:
         return
     if report is not None and isinstance(report.get("name"), str):
         made_of = report.get("views")
-        if report["name"] != name:
+        if name is not None and report["name"] != name:
             raise OutputError(f"{directory}: holds the asset {report['name']}, and would get that of {name}; {remedy}")
         if isinstance(made_of, str) and made_of != source_of(views, directory):
-            raise OutputError(f"{directory}: holds the asset {name} made of {made_of}, not of {views}; {remedy}")
+            raise OutputError(
+                f"{directory}: holds the asset {report['name']}, made of {made_of}, not of {views}; {remedy}"
+            )
         return
     # Reports of earlier versions say no name.
+    if name is None:
+        return
     blends = sorted(path.name for path in directory.glob("*.blend"))
     if blends and (report is None or f"{name}.blend" not in blends):
         raise OutputError(f"{directory}: holds {blends[0]}, which is not of this asset; {remedy}")

@@ -179,7 +179,7 @@ class ViewKnobs:
     fovy_deg: float | None = knob(
         None,
         "of a single image or the rig (default: 30)",
-        Rule(lambda degrees: 0.0 < degrees < 180.0, "give degrees between 0 and 180"),
+        within(0.1, 179.0, "give degrees from 0.1 to 179"),
         letter="DEG",
         option="fovy",
         listed=True,

@@ -15,6 +15,7 @@ from ..views.foreground import foreground
 from ..views.image_io import read_image, read_orientation
 from ..views.mask_files import read_mask, with_mask
 from ..views.masks import sees_something
+from ..views.opacity import solid
 from ..views.preprocess import MAXIMUM_SIDE
 from .capture import Lens, PosedPhotograph
 from .framing import Window, around, is_cut, known_rectangle, whole_window
@@ -116,6 +117,10 @@ def cut_out(
     image = read_photograph(photograph.path, photograph.lens)
     if photograph.mask is not None:
         image = with_mask(image, photograph.mask, read_orientation(photograph.path)[2])
+    else:
+        alpha = image[3]
+        if (whole_object := solid(alpha)) is not alpha:  # See-through all over.
+            image = torch.cat([image[:3], whole_object[None]])
     progress(0.3, f"undistorting {name}")
     own = photograph.mask is not None or bool((image[3] < 0.5).any())
     longest = _BOX if own or painted is not None else MAXIMUM_SIDE

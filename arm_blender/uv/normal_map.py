@@ -1,6 +1,6 @@
 """The detail that decimation took, as a tangent-space normal map for the decimated mesh."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -10,8 +10,13 @@ from ..graphics.meshes import angle_weighted_normals
 from ..graphics.raster.rasterize import Fragments, interpolate, rasterize_uv
 from ..graphics.raster.rays import MISS, nearest_hits
 from ..graphics.tangents import corner_tangents
-from ..structures import TriangleMesh, UvMesh
+from ..report import Report
+from ..structures import MaterialMaps, TriangleMesh, UvMesh
 from .maps import pad
+
+DETAIL_TEXELS = 512
+"""Texels a side of the normal map at most: twice as many take four times as long, and gain little
+(docs/normal-map.md)."""
 
 FLAT = (0.0, 0.0, 1.0)
 """What changes nothing."""
@@ -26,6 +31,18 @@ class NormalMapConfig:
     is fast and finds nearly all. A small last one misses it where much was taken away; a large one finds far walls."""
     steepest: float = 0.1
     """Least share of a normal along that of the mesh; below it the dense surface turns away, and no map can say so."""
+
+
+def detail(mesh: UvMesh, dense: TriangleMesh | None, material: MaterialMaps, report: Report) -> MaterialMaps:
+    """The material with the normals of the mesh as it was before decimation, None where no face was taken from it."""
+    if dense is None:
+        report.leave_out("normal map", "no face was taken from the mesh")
+        return material
+    size = min(material.albedo.shape[-1], DETAIL_TEXELS)
+    normal, share = bake_normal_map(mesh, dense, size)
+    if share < 1.0:
+        report.leave_out("a part of the normal map", f"{1.0 - share:.2%} of the texels lie off the dense surface")
+    return replace(material, normal=normal)
 
 
 @torch.no_grad()

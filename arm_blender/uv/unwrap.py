@@ -12,6 +12,7 @@ import tempfile
 import time
 from contextlib import suppress
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Literal
 
@@ -21,6 +22,7 @@ from torch import Tensor
 
 from ..errors import UnwrapError
 from ..graphics.meshes import signed_areas
+from ..machine.memory import limit_child
 from ..progress import Progress, silent
 from ..structures import TriangleMesh, UvMesh
 from . import shelves
@@ -32,6 +34,9 @@ Packing = Literal["xatlas", "shelves"]
 
 WORKER = Path(__file__).with_name("xatlas_worker.py")
 POLL_SECONDS = 0.05
+MEMORY = 8 * 2**30
+"""Bytes that xatlas may take: several times what a million faces need."""
+
 FLATTENING = 0.4  # Of the progress bar.
 
 RELAXING, PACKING = 0.4, 0.85
@@ -107,8 +112,9 @@ def _by_xatlas(
     places[face_uvs.flatten()] = plane.reshape(-1, 2)
     with tempfile.TemporaryDirectory(prefix="arm-unwrap-") as folder:
         source, target, log = (Path(folder, name) for name in ("charts.npz", "atlas.npz", "log.txt"))
+        request = BytesIO()  # A zip file that cannot be ended, the disk being full, complains long after.
         np.savez(
-            source,
+            request,
             places=places.double().numpy(),
             chart=chart.numpy(),
             faces=face_uvs.numpy().astype(np.uint32),
@@ -116,6 +122,7 @@ def _by_xatlas(
             texture_size=config.texture_size,
             padding=config.padding,
         )
+        source.write_bytes(request.getbuffer())
         expected = 0.3 + len(face_uvs) / 1e5  # Only for the progress bar: about the seconds that xatlas takes.
         if not _run_worker(source, target, log, limit, expected, progress):
             return None
@@ -144,6 +151,7 @@ def _run_worker(source: Path, target: Path, log: Path, limit: float, expected: f
         except OSError as error:
             logger.warning("xatlas cannot be started (%s); packing on shelves", error)
             return False
+        limit_child(process.pid, MEMORY)
         try:
             while process.poll() is None:
                 elapsed = time.monotonic() - started

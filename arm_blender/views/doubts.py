@@ -5,12 +5,16 @@ from collections.abc import Iterator, Sequence
 import torch
 
 from ..graphics.borders import cut_sides
-from ..structures import ViewSet
+from ..structures import UvMesh, ViewSet
 from .agreement import disagreement
 from .masks import parts
+from .mesh_fit import outline_fit
 
 _CUT_SHARE = 0.5
 """Of the views, how many have to be cut by their border: where fewer are, the others show what is beyond."""
+
+_LEAST_FIT = 0.75
+"""Intersection over union of a shape's outlines with the masks; of the objects of the evaluation it is 0.93."""
 
 _RIVAL_SHARE = 0.4
 """Of the largest part's pixels, how many the second one has to have in every view to be a body of its own."""
@@ -36,6 +40,12 @@ def doubts(views: ViewSet) -> Iterator[str]:
     why = disagreement(chosen, names)
     if why is not None:
         yield why
+
+
+def misfit(mesh: UvMesh, views: ViewSet) -> Iterator[str]:
+    """A sentence where the outlines of a shape that was made of `views`, in their frame, are not those of the masks."""
+    if (fit := outline_fit(mesh, views)) < _LEAST_FIT:
+        yield f"the shape fits the masks to {fit:.2f} only; check whether masks and cameras are of one object"
 
 
 def _has_rival(mask: torch.Tensor) -> bool:

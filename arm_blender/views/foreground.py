@@ -10,7 +10,7 @@ from torch.nn.functional import interpolate
 from ..errors import InputImageError
 from ..report import DOUBTFUL
 from .cutout import cut_out
-from .masks import Unsure, doubt, sees_something
+from .masks import Unsure, doubt, sees_something, shreds
 from .matting import matted_by_model, matted_by_rembg
 from .opacity import solid
 from .plain_background import plain_foreground
@@ -66,6 +66,9 @@ def foreground(image: Tensor, path: Path, heard: Heard = unheard) -> Tensor:
         except Unsure as unsure:
             doubts.append(str(unsure))
             continue
+        if torn := shreds(alpha):
+            doubts.append(f"what the {way} found is no object: {torn}")
+            continue
         if sees_something(alpha) and not bool((alpha > 0.5).all()):
             heard(path.name, way)
             if why := doubt(alpha):
@@ -77,5 +80,6 @@ def foreground(image: Tensor, path: Path, heard: Heard = unheard) -> Tensor:
         doubts.append(f"by {way} all or nothing is the object")
     raise InputImageError(
         f"{path}: no foreground found ({'; '.join(doubts)}); supply an image with alpha, or one on a plain background, "
+        f"paint its mask beside it as {path.stem}.mask.png, "
         "or get a matting model: python -m arm_blender weights download matting"
     )

@@ -26,6 +26,10 @@ _RIVAL_SHARE = 0.4
 """Of the largest part's pixels, how many the second one may have."""
 
 
+_MOST_OF_IT, _PIECES = 0.8, 5
+"""Share of a mask that so many pieces have to make up; what needs more is a pattern of the background."""
+
+
 class Unsure(Exception):
     """A way to find the object does not trust its own result; the message says why, for a longer one."""
 
@@ -54,6 +58,19 @@ def doubt(alpha: Tensor) -> str | None:
     if len(areas) > 1 and int(areas[1]) > _RIVAL_SHARE * int(areas[0]):
         return "it has several parts of about one size"
     return None
+
+
+def shreds(alpha: Tensor) -> str | None:
+    """In how many pieces a mask (H, W) is, where they are those of no object; None where it has a main part or few."""
+    mask = alpha > 0.5
+    areas = torch.bincount(parts(mask).flatten())[1:].sort(descending=True).values.double()
+    areas = areas[areas > 0]
+    if not len(areas):
+        return None
+    needed = 1 + int((areas.cumsum(dim=0) < _MOST_OF_IT * areas.sum()).sum())
+    if needed <= _PIECES:
+        return None
+    return f"it is in {len(areas)} pieces over {float(mask.float().mean()):.0%} of the picture"
 
 
 def flooded(seeds: Tensor, passable: Tensor) -> Tensor:

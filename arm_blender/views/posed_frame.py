@@ -124,9 +124,9 @@ class PosedFrame:
             if focal is not None and not focal > 0.0:
                 raise CameraError(f"{self.where}: {name} is {focal:g}; give a positive focal length in pixels")
         if focal_x is None and angle_x is not None:
-            focal_x = width / (2.0 * math.tan(angle_x / 2.0))
+            focal_x = _focal(width, angle_x)
         if focal_y is None and angle_y is not None:
-            focal_y = height / (2.0 * math.tan(angle_y / 2.0))
+            focal_y = _focal(height, angle_y)
         focal = focal_x or focal_y
         if focal is None:
             raise CameraError(f"{self.where}: no camera_angle_x and no fl_x; add the field of view or the focal length")
@@ -147,6 +147,12 @@ class PosedFrame:
 
     def _number(self, name: str) -> float | None:
         return number(self.fields.get(name), name, self.where)
+
+
+def _focal(side: float, angle: float) -> float:
+    """Pixels of the focal length under which `side` pixels span `angle`; infinite where its tangent is 0."""
+    half = math.tan(angle / 2.0)
+    return side / (2.0 * half) if half > 0.0 else math.inf
 
 
 def number(value: Any, name: str, where: str) -> float | None:

@@ -31,6 +31,9 @@ SUMS = "SHA256SUMS"
 SUM = ".sha256"
 """What a user brings has its hash in a file of its own, named as the weights with this behind."""
 
+_KINDS = {"F64", "F32", "F16", "BF16", "I64", "I32", "I16", "I8", "U8", "BOOL"}
+"""Types of tensors, by the names of safetensors, that are read."""
+
 SUFFIX = ".safetensors"
 """Of the files that this module writes; others that it records are opaque to it."""
 
@@ -90,16 +93,37 @@ def load(path: Path, *expected: type[Config]) -> tuple[Config, dict[str, Tensor]
         )
     try:
         config = config_from_dict(named[header["type"]], json.loads(header["config"]))
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, RecursionError) as error:
         raise CheckpointError(
             f"{path}: {error}; the file was made by another version, get one made for this"
         ) from error
-    with safe_open(path, framework="pt") as file:
-        state = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118  (safe_open is no mapping)
+    try:
+        with safe_open(path, framework="pt") as file:
+            state = tensors_in(file, path)
+    except (SafetensorError, OSError) as error:
+        raise CheckpointError(f"{path}: damaged ({error}); copy the file again") from error
     for key, tensor in state.items():
         if tensor.is_floating_point() and not _is_finite(tensor):
             raise CheckpointError(f"{path}: damaged ({key} is not finite); copy the file again")
     return config, {key: t.float() if t.is_floating_point() else t for key, t in state.items()}
+
+
+def tensors_in(file: Any, path: Path) -> dict[str, Tensor]:
+    """The tensors of an open file of safetensors.
+
+    Args:
+        path: of the file, for the message.
+    Raises:
+        CheckpointError: one is of a type that no network of ours computes with.
+        SafetensorError: damaged, or of a type that the library does not know.
+    """
+    found = {}
+    for key in file.keys():  # noqa: SIM118  (safe_open is no mapping)
+        kind = str(file.get_slice(key).get_dtype())
+        if kind not in _KINDS:
+            raise CheckpointError(f"{path}: {key} is of type {kind}; store it as F32, F16 or BF16")
+        found[key] = file.get_tensor(key)
+    return found
 
 
 def read_header(path: Path) -> dict[str, str]:

@@ -60,9 +60,19 @@ def test_items_of_one_name_do_not_overwrite_each_other(pipeline, tmp_path, capsy
     assert sorted(lines_of(capsys.readouterr().out)) == ["cup", "cup-2"]
 
 
+def test_a_name_that_is_too_long_for_files_is_cut_and_the_others_get_their_turn(pipeline, tmp_path, capsys):
+    a_picture(tmp_path / "a.png")
+    rows = [{"views": "a.png", "name": "\u00e9" * 300}, {"views": "a.png", "name": "x" * 300}, {"views": "a.png"}]
+    (tmp_path / "list.json").write_text(json.dumps([*rows, rows[1]]))
+    assert run("batch", tmp_path / "list.json", "--output", tmp_path / "out") == 0
+    found = lines_of(capsys.readouterr().out)
+    assert list(found) == ["\u00e9" * 95, "x" * 190, "a", "x" * 190 + "-2"]
+
+
 @pytest.mark.parametrize(
     ("name", "text", "word"),
     [
+        ("list.json", '[{"views": "a.png", "name": "a\\u0000b"}]', "plain file name"),
         ("list.json", "{}", "list.json: not a JSON list"),
         ("list.json", "[", "list.json"),
         ("list.json", '[{"name": "a"}]', "item 1: no views"),

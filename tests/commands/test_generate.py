@@ -13,9 +13,18 @@ from arm_blender.commands.progress_line import ProgressLine
 from arm_blender.export.obj import write_obj
 from arm_blender.structures import MaterialMaps, RelightableAsset, UvMesh
 
-from ..colored_box import box_mesh, write_views
+from ..colored_box import box_mesh, cameras, pictures, write_views
 from ..pictures import a_picture
-from .command_line import ROOT, only_line, run
+from .command_line import ROOT, lines_of, only_line, run
+
+
+def write_box(path):
+    """The coloured box as an OBJ, Z up."""
+    mesh = box_mesh()
+    lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices.tolist()]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.faces.tolist()]
+    path.write_text("\n".join(lines))
+    return path
 
 
 def test_generate_writes_a_whole_asset(pipeline, picture, tmp_path, capsys):
@@ -86,6 +95,24 @@ def test_an_obj_of_ours_is_upright_when_it_is_read_back(monkeypatch, tmp_path, c
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert any(note["what"] == "Z up in box.obj" for note in report["left_out"]) == (words[-1] not in ("y", "z"))
     assert bool(report["doubts"]) == (found == "z"), "an outline that does not fit is doubtful"
+
+
+@pytest.mark.parametrize("strict, status", [((), 0), (("--strict",), 1)])
+def test_what_may_be_wrong_is_a_line_each_and_with_strict_a_status(pipeline, tmp_path, capsys, strict, status):
+    """Two pictures exchanged; one item of a batch, and alone."""
+    images = pictures(cameras())
+    images[0], images[1] = images[1], images[0]
+    wrong, right = write_views(tmp_path / "wrong", images), write_views(tmp_path / "right")
+    assert run("generate", wrong, "--output", tmp_path / "out", *strict) == status
+    said = [line for line in capsys.readouterr().err.splitlines() if "0.png and 1.png do not fit" in line]
+    assert len(said) == 1 and said[0].startswith("arm: doubtful: ")
+    (tmp_path / "list.txt").write_text("wrong\nright\n")
+    assert run("batch", tmp_path / "list.txt", "--output", tmp_path / "many", *strict) == status
+    captured = capsys.readouterr()
+    assert f"arm: doubtful: {wrong}: 0.png and 1.png" in captured.err
+    lines = lines_of(captured.out)
+    assert any("0.png and 1.png" in why for why in lines["wrong"]["doubts"]) and lines["wrong"]["status"] == "done"
+    assert run("generate", right, "--output", tmp_path / "good", "--mesh", write_box(tmp_path / "b.obj"), *strict) == 0
 
 
 def test_json_is_all_there_is_on_stdout(pipeline, picture, tmp_path, capsys):

@@ -33,7 +33,8 @@ def answer(item, words):
             (here / "cleared").touch()
             raise
     time.sleep(words.get("seconds", 0.0))
-    return {"item": item, "process": os.getpid(), "threads": os.environ["OMP_NUM_THREADS"], **words}
+    threads = os.environ["OMP_NUM_THREADS"]
+    return {"item": item, "process": os.getpid(), "threads": threads, "group": os.getpgid(0), **words}
 """
 """What workers do here: light, and deadly when asked to be."""
 
@@ -52,6 +53,13 @@ def test_every_item_is_answered_by_processes_that_share_the_cores(stand_in):
     assert 1 <= len({answer["process"] for answer in answers.values()}) <= 2
     assert os.getpid() not in {answer["process"] for answer in answers.values()}
     assert {answer["threads"] for answer in answers.values()} == {str(workers.threads_of_each(2))}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="it has no groups that a terminal interrupts")
+def test_a_key_that_interrupts_does_not_reach_workers(stand_in):
+    """Those who are still starting would print tracebacks; we tell them to leave."""
+    found = dict(workers.side_by_side(["a"], 1, stand_in, {}))
+    assert found["a"]["group"] != os.getpgid(0)
 
 
 def test_threads_of_all_processes_are_no_more_than_the_cores(monkeypatch):

@@ -33,6 +33,16 @@ def test_another_asset_is_refused_with_what_to_do(tmp_path, name, views):
         check_asset_folder(out, name, tmp_path / views)
 
 
+def test_other_views_are_refused_before_the_name_is_known(tmp_path):
+    out = finished(tmp_path / "out", "cup", tmp_path / "cup")
+    check_asset_folder(out, None, tmp_path / "cup")
+    with pytest.raises(OutputError, match="holds the asset cup, made of"):
+        check_asset_folder(out, None, tmp_path / "mug")
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "house.blend").touch()
+    check_asset_folder(tmp_path / "own", None, tmp_path / "mug")
+
+
 def test_views_that_a_run_left_in_its_own_folder_are_of_its_asset(tmp_path):
     out = finished(tmp_path / "out", "cup", tmp_path / "cup.png")
     check_asset_folder(out, "views", out / "views")

@@ -2,6 +2,8 @@
 
 import math
 import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 import torch
@@ -17,6 +19,8 @@ from arm_blender.uv.decimate import decimate
 from arm_blender.uv.flatten import _projected, flat_charts
 from arm_blender.uv.overlaps import layers
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
+
+ROOT = Path(__file__).parents[2]
 
 SIZE = 96
 LIMITS = {"xatlas": 60.0, "shelves": 0.0}
@@ -266,6 +270,39 @@ def test_a_failing_worker_ends_on_shelves(monkeypatch, tmp_path, script):
 def test_without_a_folder_for_temporary_files_charts_end_on_shelves(monkeypatch, tmp_path):
     monkeypatch.setattr(unwrap_module.tempfile, "tempdir", str(tmp_path / "gone"))
     assert unwrap(bumpy_ball(), UnwrapConfig(SIZE))[1] == "shelves"
+
+
+FULL = """
+import gc, resource, sys, torch
+from arm_blender.structures import TriangleMesh
+from arm_blender.uv.unwrap import UnwrapConfig, unwrap
+rows, columns = torch.meshgrid(torch.arange(40), torch.arange(40), indexing="ij")
+corner = (rows * 41 + columns).flatten()
+halves = [torch.stack([corner, corner + a, corner + b], 1) for a, b in ((1, 42), (42, 41))]
+faces = torch.cat(halves)
+place = torch.stack(torch.meshgrid(torch.linspace(0, 1, 41), torch.linspace(0, 1, 41), indexing="ij"), -1).view(-1, 2)
+mesh = TriangleMesh(torch.cat([place, (9.0 * place[:, :1]).sin()], 1), faces)
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+print(unwrap(mesh, UnwrapConfig(256))[1])
+gc.collect()
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="it knows no limit of a file's size")
+def test_a_full_folder_for_temporary_files_ends_on_shelves_without_a_traceback():
+    done = subprocess.run([sys.executable, "-c", FULL], capture_output=True, text=True, cwd=ROOT)
+    assert done.stdout.split() == ["shelves"], done.stderr
+    assert "Traceback" not in done.stderr and "ignored" not in done.stderr
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere no limit is known")
+def test_a_worker_that_takes_all_memory_ends_on_shelves(monkeypatch, tmp_path):
+    worker = tmp_path / "hungry.py"
+    worker.write_text("import time; time.sleep(1.0)\nheld = bytearray(2**30)\nopen('never', 'w')\nwhile True: pass")
+    monkeypatch.setattr(unwrap_module, "WORKER", worker)
+    monkeypatch.setattr(unwrap_module, "MEMORY", 2**29)
+    monkeypatch.chdir(tmp_path)
+    assert unwrap(bumpy_ball(), UnwrapConfig(SIZE))[1] == "shelves" and not (tmp_path / "never").exists()
 
 
 def test_a_python_that_cannot_be_started_ends_on_shelves(monkeypatch, tmp_path):

@@ -6,11 +6,11 @@ import pytest
 import torch
 
 from arm_blender.graphics.cameras import orbit_camera
-from arm_blender.structures import ViewSet
+from arm_blender.structures import UvMesh, ViewSet
 from arm_blender.views.agreement import AGREE, agreement, disagreement
-from arm_blender.views.doubts import doubts
+from arm_blender.views.doubts import doubts, misfit
 
-from ..colored_box import cameras, picture, view_set
+from ..colored_box import box_mesh, cameras, picture, view_set
 
 NAMES = [f"{index}.png" for index in range(6)]
 
@@ -60,6 +60,14 @@ def test_views_that_agree_leave_no_doubt_and_one_of_weight_0_none_either(views):
     wrong = replace(views, images=views.images[order])
     assert list(doubts(wrong))[0].startswith("0.png does not fit")
     assert list(doubts(replace(wrong, weights=torch.tensor([0.0] + [1.0] * 5)))) == []
+
+
+def test_a_shape_that_does_not_fill_its_masks_is_doubtful(views):
+    mesh = box_mesh()
+    whole = UvMesh(mesh.vertices, mesh.faces, mesh.vertices[:, :2], mesh.faces, 1)
+    assert list(misfit(whole, views)) == []
+    small = whole.moved(lambda points: 0.7 * points)
+    assert "fits the masks to 0." in next(misfit(small, views))
 
 
 def test_an_object_that_the_borders_cut_is_doubtful():

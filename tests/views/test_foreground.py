@@ -49,6 +49,20 @@ def test_the_first_way_that_is_sure_is_taken(orange, monkeypatch):
     assert heard == [("mug.png", "rembg")] and calls == []
 
 
+def test_a_mask_in_shreds_is_refused_and_said(orange, monkeypatch):
+    shredded = torch.zeros(100, 140)
+    for row in range(0, 100, 20):
+        shredded[row : row + 10, ::20] = shredded[row : row + 10, 1::20] = 1.0
+    monkeypatch.setitem(WAYS, "matting model", lambda image: shredded)
+    heard = []
+    foreground(orange, PATH, lambda *words: heard.append(words))
+    assert heard[0] == ("mug.png", "plain background"), "the next way is asked"
+    monkeypatch.setitem(WAYS, "plain background", doubting)
+    monkeypatch.setitem(WAYS, "small network", doubting)
+    with pytest.raises(InputImageError, match=r"matting model found is no object: it is in 35 pieces.*mug\.mask\.png"):
+        foreground(orange, PATH)
+
+
 def test_a_doubtful_mask_is_taken_and_said_to_be_doubtful(orange, monkeypatch):
     torn = torch.zeros(100, 140)
     torn[30:70, 20:60], torn[30:70, 60:120] = 0.9, 0.6

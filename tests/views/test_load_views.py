@@ -109,7 +109,15 @@ def test_what_does_not_do_is_refused_by_name(six, tmp_path):
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"rig": "x"}, {"rig_distance": 0.0}, {"rig_distance": math.inf}, {"fovy_deg": 200.0}, {"elevation_deg": 100.0}],
+    [
+        {"rig": "x"},
+        {"rig_distance": 0.0},
+        {"rig_distance": math.inf},
+        {"fovy_deg": 200.0},
+        {"fovy_deg": 5e-324},
+        {"fovy_deg": 1e-300},
+        {"elevation_deg": 100.0},
+    ],
     ids=str,
 )
 def test_options_out_of_range_are_refused(wrong):

@@ -108,6 +108,7 @@ def test_intrinsics_follow_a_scaled_picture(folder):
         ({"fl_x": -5.0}, "fl_x"),
         ({"fl_x": 1e300}, "fl_x"),
         ({"camera_angle_x": 1e-200}, "focal length"),
+        ({"camera_angle_x": 5e-324}, "focal length"),
         ({"cx": 10**400}, "cx"),
         ({"w": -64, "h": -48}, "w is -64"),
         ({"w": 0, "h": 0}, "w is 0"),

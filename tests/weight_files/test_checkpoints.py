@@ -1,6 +1,8 @@
 """A checkpoint comes back as it was saved, or is refused with a line that names the file and the remedy."""
 
 import hashlib
+import json
+import struct
 from dataclasses import dataclass, make_dataclass, replace
 from typing import ClassVar, Literal
 
@@ -212,3 +214,36 @@ def test_only_registered_names_resolve():
     assert checkpoints.shipped("small.georm").name == "small.georm.safetensors"
     with pytest.raises(CheckpointError, match="weights list"):
         checkpoints.shipped("huge.georm")
+
+
+def written(path, kind: str, size: int, config: str) -> None:
+    """A file of safetensors with one tensor of four values."""
+    metadata = {"format": checkpoints.FORMAT, "name": "a", "type": "InnerConfig", "config": config}
+    header = json.dumps(
+        {"__metadata__": metadata, "a": {"dtype": kind, "shape": [4], "data_offsets": [0, size]}}
+    ).encode()
+    path.write_bytes(struct.pack("<Q", len(header)) + header + bytes(size))
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "config", "says"),
+    [
+        ("F8_E4M3", 4, "{}", "of type F8_E4M3; store it as F32"),
+        ("F6_E2M3", 3, "{}", "F6_E2M3"),
+        ("F4", 2, "{}", "x.safetensors"),
+        ("C64", 32, "{}", "x.safetensors"),
+        ("F32", 16, "[" * 100_000, "another version"),
+        ("F32", 16, '{"pair": [1' + "0" * 400 + ', "a"]}', "config key pair"),
+        ("F32", 16, '{"pair": [1' + "0" * 5000 + ', "a"]}', "another version"),
+    ],
+)
+def test_types_and_configs_that_are_not_ours_are_refused_by_name(tmp_path, kind, size, config, says):
+    written(tmp_path / "x.safetensors", kind, size, config)
+    with pytest.raises(CheckpointError, match=says) as caught:
+        checkpoints.load(tmp_path / "x.safetensors", InnerConfig)
+    assert "x.safetensors" in str(caught.value) and len(str(caught.value)) < 2000
+
+
+def test_an_integer_stands_for_a_number_with_a_point(tmp_path):
+    written(tmp_path / "x.safetensors", "F32", 16, '{"pair": [3, "a"]}')
+    assert checkpoints.load(tmp_path / "x.safetensors", InnerConfig)[0].pair == (3.0, "a")

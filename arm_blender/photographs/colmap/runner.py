@@ -16,6 +16,7 @@ import numpy as np
 
 from ...errors import ArmError
 from ...machine.libraries import is_there
+from ...machine.memory import limit_child
 from ...progress import Progress
 from .process import MARK
 
@@ -68,6 +69,7 @@ def run(
             creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),  # No console window on Windows.
         )
         assert process.stdout is not None  # A pipe was asked for.
+        limit_child(process.pid)
         lines: SimpleQueue[dict[str, Any]] = SimpleQueue()
         reader = threading.Thread(target=_listen, args=(process.stdout, lines), daemon=True)
         reader.start()

@@ -181,7 +181,7 @@ def _noise(values: dict[str, Any], path: Path) -> NoiseConfig:
 def _json(path: Path) -> dict[str, Any]:
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise CheckpointError(f"{path}: cannot be read ({error}); copy the file again") from error
     if not isinstance(values, dict):
         raise CheckpointError(f"{path}: holds no JSON object; copy the file again")

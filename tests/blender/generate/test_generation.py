@@ -90,7 +90,8 @@ def test_a_cameras_picture_is_linear_straight_and_upright(encoded):
     pixels = stored.permute(1, 2, 0).flip(0).contiguous().numpy()
     view = view_of_camera(CameraPicture("Cam", pixels, encoded, not encoded, np.eye(4), np.diag([50.0, 50.0, 1.0])))
     opaque = alpha[0] > 0.0
-    assert torch.allclose(view.image[3], alpha[0]) and torch.allclose(
+    # What is see-through all over is as whole as what is opaque.
+    assert torch.allclose(view.image[3], opaque.float()) and torch.allclose(
         view.image[:3, opaque], color[:, opaque], atol=1e-5
     )
 
