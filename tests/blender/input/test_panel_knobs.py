@@ -16,7 +16,7 @@ CLASSES = (Knobs, ViewKnobs, DrawingKnobs)
 NOT_SHOWN = {"grid", "dense", "precision", "time_limit", "random_weights", "rig", "multiview"}
 NOT_SHOWN |= {"guidance", "background", "reseed"}  # Few need them: of the command line alone.
 NOT_SHOWN |= {"weights"}  # In the list of views.
-NOT_SHOWN |= {"cameras_from", "length", "photo_views"}  # Of photographs: of the command line so far.
+NOT_SHOWN |= {"cameras_from", "length", "photo_views", "refinement"}  # Of the command line so far.
 NOT_SHOWN |= {"device", "threads"}  # In the preferences.
 
 
