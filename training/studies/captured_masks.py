@@ -17,6 +17,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from arm_blender.errors import ArmError
+from arm_blender.graphics.borders import Rectangle
 from arm_blender.graphics.cameras import Camera
 from arm_blender.graphics.color import bytes_from_unit, srgb_from_linear
 from arm_blender.photographs.masks.agreement import agreed
@@ -145,23 +146,23 @@ def together(folder: Path, alphas: list[Tensor]) -> dict[str, tuple[list[Score],
     if all(entry["lens"]["model"] == "SIMPLE_PINHOLE" for entry in entries):
         started = time.perf_counter()
         squares = [_square(entry, mask) for entry, mask in zip(entries, masks, strict=True)]
-        held = agreed(
-            torch.stack([mask for mask, _ in squares])[:, None], [camera for _, camera in squares], ground=ground
-        )
+        padded, cameras, known = zip(*squares, strict=True)
+        held = agreed(torch.stack(padded)[:, None], cameras, ground=ground, known=known)
         masks = [_unsquared(mask[0], before) for mask, before in zip(held.masks, masks, strict=True)]
         seconds = looked + (time.perf_counter() - started) / len(entries)
         found["together and compared"] = (_scores(shown, masks, held.dropped, seconds), masks)
     return found
 
 
-def _square(entry: dict[str, Any], mask: Tensor) -> tuple[Tensor, Camera]:
-    """A mask (H, W) in the middle of a square, and the camera of that."""
+def _square(entry: dict[str, Any], mask: Tensor) -> tuple[Tensor, Camera, Rectangle]:
+    """A mask (H, W) in the middle of a square, the camera of that, and where in it the picture is."""
     height, width = mask.shape
     side, focal = max(height, width), entry["lens"]["parameters"][0]
     left, top = (side - width) // 2, (side - height) // 2
     K = torch.tensor([[focal, 0.0, left + width / 2.0], [0.0, focal, top + height / 2.0], [0.0, 0.0, 1.0]])
     padded = pad(mask, (left, side - width - left, top, side - height - top))
-    return padded, Camera(torch.tensor(entry["c2w"], dtype=torch.float32), K, side, side)
+    camera = Camera(torch.tensor(entry["c2w"], dtype=torch.float32), K, side, side)
+    return padded, camera, (left, top, left + width, top + height)
 
 
 def _unsquared(mask: Tensor, like: Tensor) -> Tensor:

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
-from torch.nn.functional import interpolate, max_pool2d
+from torch.nn.functional import interpolate, max_pool2d, pad
 
+from ...graphics.borders import Rectangle, continued
 from ...graphics.cameras import Camera
 from ...graphics.visual_hull import Outlines, signed_silhouette_distance
 from ...progress import Progress, silent
@@ -59,16 +60,22 @@ class Agreement:
 
 
 def agreed(
-    masks: Tensor, cameras: Sequence[Camera], progress: Progress = silent, ground: float | None = None
+    masks: Tensor,
+    cameras: Sequence[Camera],
+    progress: Progress = silent,
+    ground: float | None = None,
+    known: Sequence[Rectangle] | None = None,
 ) -> Agreement:
     """Mend or drop what most other masks contradict.
 
     Args:
-        masks: (V, 1, S, S) alpha in [0, 1]; 0 beyond what a photograph shows is taken for background.
+        masks: (V, 1, S, S) alpha in [0, 1].
         cameras: V of them, of S x S pixels; the object lies about the origin, its longest side about 2.
         progress: is told about each view.
         ground: height (Z) of what the object stands on: a shadow that lies there is no object, however many masks
             show it.
+        known: the pixels of each that a camera took. Where they cut the object, nobody knows what is beyond; elsewhere
+            it is background. None takes them all.
     Raises:
         ValueError: shapes differ.
     """
@@ -77,8 +84,8 @@ def agreed(
         raise ValueError(f"masks must be (V, 1, S, S) of V cameras, got {tuple(masks.shape)}, {len(cameras)} cameras")
     if count < _FEWEST:
         return Agreement(masks, {}, ())
-    points = _grid(ground)
-    outside, framed = _carved(masks, cameras, points)
+    points, known = _grid(ground), known or [(0, 0, side, side)] * count
+    outside, framed = _carved(masks, cameras, points, known)
     carving = outside.int().sum(dim=0)  # (P,)
     seen = framed.int().sum(dim=0)
     mended, words, dropped, clean = masks.clone(), dict[int, str](), list[int](), 0
@@ -89,6 +96,8 @@ def agreed(
         kept = (others <= _DISSENT * (seen - framed[view].int())) & (seen >= count / 2)
         lacking = float((kept & (others == 0) & outside[view]).sum()) / max(1.0, float(kept.sum()))
         possible, certain = _shown(points[kept], cameras[view])
+        left, top, right, bottom = known[view]
+        certain = certain * pad(torch.ones(bottom - top, right - left), (left, side - right, top, side - bottom))
         mask = masks[view, 0]
         excess = float((mask * (1.0 - possible)).sum()) / max(1e-6, float(mask.sum()))
         held = float((mask * certain).sum()) / max(1e-6, float(certain.sum()))
@@ -115,14 +124,19 @@ def _grid(ground: float | None) -> Tensor:
     return torch.stack(torch.meshgrid(axis, axis, up, indexing="ij"), dim=-1).view(-1, 3)
 
 
-def _carved(masks: Tensor, cameras: Sequence[Camera], points: Tensor) -> tuple[Tensor, Tensor]:
+def _carved(
+    masks: Tensor, cameras: Sequence[Camera], points: Tensor, known: Sequence[Rectangle]
+) -> tuple[Tensor, Tensor]:
     """(V, P) bool each: a mask carves a point away; a picture frames it."""
-    small = interpolate(masks.float(), (_OUTLINE_SIDE, _OUTLINE_SIDE), mode="area")[:, 0]
+    shown = [continued(mask.float().expand(4, -1, -1), own) for mask, own in zip(masks, known, strict=True)]
+    whole, told = torch.stack([image[3:] for image, _ in shown]), torch.stack([ends for _, ends in shown])
+    small = interpolate(whole, (_OUTLINE_SIDE, _OUTLINE_SIDE), mode="area")[:, 0]
     silhouette = torch.stack([small, signed_silhouette_distance(small)], dim=1)
     outside, framed = [], []
     for view, camera in enumerate(cameras):
         own = camera.resized(_OUTLINE_SIDE, _OUTLINE_SIDE)
-        outlines = Outlines(silhouette[None, view : view + 1], own.c2w[None, None].float(), own.K[None, None].float())
+        placed = own.c2w[None, None].float(), own.K[None, None].float()
+        outlines = Outlines(silhouette[None, view : view + 1], *placed, told[None, view : view + 1])
         seen = outlines.project(points[None])
         distance = outlines.read(seen)[1][0, 0]
         framed.append(seen.framed[0, 0] > 0.0)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import torch
 
-from ...graphics.borders import Rectangle, cut_sides
+from ...graphics.borders import Rectangle
 from ...graphics.cameras import Camera
 from ...progress import Progress, silent
 from ...views.image_io import read_image, write_png
@@ -23,7 +23,7 @@ def compare(
 ) -> tuple[dict[int, str], tuple[int, ...]]:
     """Mends the alpha of views whose masks most others contradict; the files are written anew.
 
-    Masks that somebody gave are believed. A view that cuts its object says too little to be compared.
+    Masks that somebody gave are believed.
 
     Args:
         pictures: of square views of one size, with alpha.
@@ -37,20 +37,15 @@ def compare(
     """
     if not any(is_guessed(way) for way in ways):
         return {}, ()
-    alphas = [read_image(picture)[3] for picture in pictures]
-    whole = [index for index, alpha in enumerate(alphas) if not any(cut_sides(alpha, known[index]))]
-    if not whole:
-        return {}, ()
-    masks = torch.stack([alphas[index] for index in whole])[:, None]
-    found = agreed(masks, [cameras[index] for index in whole], progress, ground)
+    masks = torch.stack([read_image(picture)[3:] for picture in pictures])
+    found = agreed(masks, cameras, progress, ground, known)
     words, dropped = {}, []
-    for place, index in enumerate(whole):
-        if place not in found.words or not is_guessed(ways[index]):
+    for index, picture in enumerate(pictures):
+        if index not in found.words or not is_guessed(ways[index]):
             continue
-        words[index] = found.words[place]
-        if place in found.dropped:
+        words[index] = found.words[index]
+        if index in found.dropped:
             dropped.append(index)
-        elif not torch.equal(found.masks[place], masks[place]):
-            image = read_image(pictures[index])
-            write_png(pictures[index], torch.cat([image[:3], found.masks[place]]), srgb=True)
+        elif not torch.equal(found.masks[index], masks[index]):
+            write_png(picture, torch.cat([read_image(picture)[:3], found.masks[index]]), srgb=True)
     return words, tuple(dropped)
