@@ -12,6 +12,8 @@ import torch
 
 import arm_blender
 from arm_blender.errors import Cancelled, InputImageError
+from arm_blender.graphics.cameras import orbit_camera
+from arm_blender.structures import ViewSet
 from arm_blender.views.scene_frame import IDENTITY
 
 bpy = pytest.importorskip("bpy")
@@ -189,12 +191,15 @@ def test_a_request_becomes_settings_and_one_rising_progress(monkeypatch, tmp_pat
     from arm_blender.photographs import intake
 
     seen = {}
+    images = torch.zeros(1, 4, 16, 16)
+    images[:, :, 4:12, 4:12] = 1.0
+    views = ViewSet(images, (orbit_camera(0.0, 0.0, 4.0, 45.0, 16, 16),), torch.ones(1), "ring")
 
     def load_views(path, folder, options, solving, report, progress):
         progress(1.0, "loaded")
         report.leave_out("view 3", "sees nothing")
-        seen.update(options=options)
-        return path
+        seen.update(path=path, options=options)
+        return views
 
     def generate(loaded, settings, progress, report, mesh):
         seen.update(loaded=loaded, settings=settings, mesh=mesh)
@@ -217,7 +222,7 @@ def test_a_request_becomes_settings_and_one_rising_progress(monkeypatch, tmp_pat
         threads=1,
     )
     made = generation.generate(request, lambda fraction, message: fractions.append(fraction))
-    assert (made.asset.name, seen["loaded"], seen["mesh"]) == ("ring", tmp_path, None)
+    assert (made.asset.name, seen["path"], seen["mesh"]) == ("ring", tmp_path, None) and seen["loaded"] is views
     assert torch.equal(made.asset.mesh.vertices, asset.mesh.vertices)
     assert (seen["options"].weights, seen["options"].elevation_deg) == ((1.0, 0.0), 20.0)
     settings = seen["settings"]
