@@ -83,7 +83,7 @@ def reduced(path: Path, side: int) -> NDArray[np.uint8]:
         pixels = decoded(picture, path)
     image = Image.fromarray(pixels)
     image.thumbnail((side, side), Image.Resampling.BOX, reducing_gap=None)
-    return np.asarray(image)
+    return np.array(image)  # A copy may be written to, as torch wants it.
 
 
 def srgb_from_profile(profile: bytes | None) -> ImageCms.ImageCmsTransform | None:
