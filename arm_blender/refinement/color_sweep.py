@@ -36,7 +36,7 @@ LEAST_PAIR = 1e-3
 def visibility(
     vertices: Tensor, normals: Tensor, views: Sequence[PictureEvidence], fragments: Sequence[Fragments]
 ) -> Tensor:
-    """(V, N) how well each view sees each vertex, 0 to 1; its cosine, less what the view is not trusted for.
+    """(V, N) how well each view sees each vertex, 0 to 1; its cosine.
 
     Args:
         vertices: (N, 3). normals: (N, 3) unit.
@@ -52,7 +52,7 @@ def visibility(
         column, row = (pixels[:, k].clamp(0, end - 1).long() for k, end in ((0, camera.width), (1, camera.height)))
         front = (depth > 0.0) & (depth < farthest[row, column] + BEHIND) & view.tells(pixels)
         cosine = (directions_to(camera.center, vertices) * normals).sum(dim=1)
-        found.append(torch.where(front & (cosine > GRAZING), cosine, 0.0) * view.trust)
+        found.append(torch.where(front & (cosine > GRAZING), cosine, 0.0))
     return torch.stack(found)
 
 

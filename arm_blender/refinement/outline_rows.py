@@ -66,13 +66,13 @@ def outline_rows(
     error = float(gap.abs().mean()) if len(gap) else 0.0
     cosine, steep = _outwards(view, view.slope[:, row, column].T, normals[vertex])
     pixel = fragments.depth[row, column] / view.outline_camera.K[0, 0]
-    weight = view.trust * steep / (1.0 + (gap / FORGIVEN).square())
+    weight = steep / (1.0 + (gap / FORGIVEN).square())
 
     distance, slope, depth = view.at_outline(vertices)
     beside = (distance < -BESIDE).nonzero()[:, 0]
     cosine_beside, steep_beside = _outwards(view, slope[beside], normals[beside])
     gap_beside = distance[beside]
-    weight_beside = BESIDE_WEIGHT * view.trust * steep_beside / (1.0 + (gap_beside / FORGIVEN).square())
+    weight_beside = BESIDE_WEIGHT * steep_beside / (1.0 + (gap_beside / FORGIVEN).square())
     pixel_beside = depth[beside] / view.outline_camera.K[0, 0]
     return OutlineRows(
         torch.cat([vertex, beside]),

@@ -36,7 +36,6 @@ class PictureEvidence:
         told: (4,) left, top, right and bottom of what the picture tells, in the same pixels.
         color_camera: of the pixels that colours are compared in.
         color: (4, H, W) sRGB over grey, then coverage.
-        trust: how much the view counts, 1 for a true one.
         doubled: fine pixels along one of the picture's own.
     """
 
@@ -46,7 +45,6 @@ class PictureEvidence:
     told: Tensor
     color_camera: Camera
     color: Tensor
-    trust: float
     doubled: float
 
     def tells(self, pixels: Tensor) -> Tensor:
@@ -65,7 +63,7 @@ class PictureEvidence:
         return torch.where(told, found[:, 0], 0.0), found[:, 1:], depth
 
 
-def evidence(views: ViewSet, trust: float = 1.0) -> list[PictureEvidence]:
+def evidence(views: ViewSet) -> list[PictureEvidence]:
     """Of every view of normalised `views`."""
     found = []
     for picture, camera, known in zip(views.images, views.cameras, views.rectangles, strict=True):
@@ -89,7 +87,6 @@ def evidence(views: ViewSet, trust: float = 1.0) -> list[PictureEvidence]:
                 box,
                 color_camera,
                 seen,
-                trust,
                 outline_camera.width / camera.width,
             )
         )

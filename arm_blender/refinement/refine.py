@@ -120,7 +120,7 @@ class _Look:
 
     Attributes:
         vertices: (N, 3). normals: (N, 3) unit, a little smoothed. faces: (F, 3).
-        pictures: each with its trust.
+        pictures: what each tells.
         fragments: what the outline camera of each sees.
         rows: of each.
     """
