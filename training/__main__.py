@@ -11,6 +11,7 @@ import os
 import shlex
 import sys
 from pathlib import Path
+from types import ModuleType
 
 from arm_blender.errors import ArmError
 
@@ -57,24 +58,35 @@ def main(argv: list[str] | None = None) -> int:
     words = sys.argv[1:] if argv is None else argv
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
     try:
-        chosen, rest = _command_parser().parse_known_args(words)
-        module = importlib.import_module(chosen.module)
-        parser = argparse.ArgumentParser(prog=chosen.program, description=(module.__doc__ or "").partition("\n")[0])
-        module.add_arguments(parser)
-        if "ARM_DATA" in os.environ:
-            parser.set_defaults(data=Path(os.environ["ARM_DATA"]))
-        args = parser.parse_args(rest)
-        args.command = f"python -m training {shlex.join(words)}"  # Documents say which command made them.
+        module, args = understood(words)
     except SystemExit as stop:  # argparse has printed what is wrong; a caller in Python gets a status as well.
         return int(stop.code or 0)
     try:
         return module.run(args)
     except ArmError as error:
-        print(f"{chosen.program}: {error}", file=sys.stderr)
+        print(f"{args.program}: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print(f"{chosen.program}: stopped", file=sys.stderr)
+        print(f"{args.program}: stopped", file=sys.stderr)
         return 130
+
+
+def understood(words: list[str]) -> tuple[ModuleType, argparse.Namespace]:
+    """The module of a command, and its arguments, read but not acted on.
+
+    Raises:
+        SystemExit: the words are wrong, or ask for help; argparse has printed it.
+    """
+    chosen, rest = _command_parser().parse_known_args(words)
+    module = importlib.import_module(chosen.module)
+    parser = argparse.ArgumentParser(prog=chosen.program, description=(module.__doc__ or "").partition("\n")[0])
+    module.add_arguments(parser)
+    if "ARM_DATA" in os.environ:
+        parser.set_defaults(data=Path(os.environ["ARM_DATA"]))
+    args = parser.parse_args(rest)
+    args.program = chosen.program
+    args.command = f"python -m training {shlex.join(words)}"  # Documents say which command made them.
+    return module, args
 
 
 def _command_parser() -> argparse.ArgumentParser:

@@ -46,7 +46,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-sheets", action="store_true", help="no picture per object")
     parser.add_argument("--run-time", action="store_true", help="with --views: a column with the seconds per object")
     parser.add_argument(
-        "--update-readme", type=Path, nargs="?", const=Path("README.md"), help="fill the document's block of results"
+        "--update-results",
+        "--update-readme",
+        type=Path,
+        nargs="?",
+        const=Path("docs/results.md"),
+        help="fill the document's block of results; tables made before name it --update-readme",
     )
     parser.add_argument(
         "--update-card", type=Path, nargs="?", const=Path("arm_blender/weights/README.md"), help="fill the model card"
@@ -114,8 +119,8 @@ def run(args: argparse.Namespace) -> int:
         sheets.finish(results)
         if args.picture is not None:
             sheets.front(args.picture_of, args.picture)
-    if args.update_readme is not None:
-        fill_block(args.update_readme, "results", front_text(results, cost, trial, args.command))
+    if args.update_results is not None:
+        fill_block(args.update_results, "results", front_text(results, cost, trial, args.command))
     if args.update_card is not None:
         fill_block(args.update_card, "measured", card_text(results, trial, args.command))
     print((args.output / "results.md").read_text(encoding="utf-8"))

@@ -26,7 +26,7 @@ TITLES = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The words of `python -m training presets`."""
     parser.add_argument(
-        "--update-readme", type=Path, nargs="?", const=Path("README.md"), help="fill the document's block of presets"
+        "--update-document", type=Path, nargs="?", const=Path("docs/method.md"), help="fill the document's block of presets"
     )
 
 
@@ -34,8 +34,8 @@ def run(args: argparse.Namespace) -> int:
     """Print the table; fill the document's block where one is named."""
     table = presets_table()
     print(table)
-    if args.update_readme:
-        fill_block(args.update_readme, "presets", f"{table}\n\nMade by `python -m training presets --update-readme`.")
+    if args.update_document:
+        fill_block(args.update_document, "presets", f"{table}\n\nMade by `python -m training presets --update-document`.")
     return 0
 
 

@@ -25,7 +25,7 @@ class ARM_OT_draw_views(Run, bpy.types.Operator):
         if not isinstance(wanted.views, Path) or not wanted.views.is_file():
             raise ArmError("Choose one picture first; six views are drawn of it")
         if not context.scene.arm.multiview_model:
-            raise ArmError("Choose the folder of Zero123++'s weights first; README.md says where to get them")
+            raise ArmError("Choose the folder of Zero123++'s weights first: that with model_index.json, unet/ and vae/")
         self._drawing = (
             wanted.views,
             Path(bpy.path.abspath(context.scene.arm.multiview_model)),

@@ -88,9 +88,9 @@ def test_a_missing_manifest_is_named(tmp_path, capsys):
 network_parameters = functools.cache(presets.network_parameters)
 
 
-def test_the_readme_states_the_sizes_of_the_networks(monkeypatch):
+def test_the_page_of_the_method_states_the_sizes_of_the_networks(monkeypatch):
     monkeypatch.setattr(presets, "network_parameters", network_parameters)
-    assert presets.presets_table() in (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
+    assert presets.presets_table() in (Path(__file__).parents[3] / "docs" / "method.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("preset", ["paper", "small"])

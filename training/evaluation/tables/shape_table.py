@@ -64,8 +64,8 @@ def run(args: argparse.Namespace) -> int:
     report = paragraphs(results_table(results, args.run_time), verdict(results), f"Made by `{args.command}`.")
     write_text(args.output / "results.md", report)
     write_json(args.output / "results.json", {"command": args.command, "seed": args.seed} | as_json(results, settings))
-    if args.update_readme:
-        fill_block(args.update_readme, "shapes", report)
+    if args.update_results:
+        fill_block(args.update_results, "shapes", report)
     print(report)
     return 0
 
