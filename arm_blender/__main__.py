@@ -12,6 +12,7 @@ from typing import NoReturn
 
 from .commands import UsageError, batch, doctor, generate, interrupts, relight, weights
 from .errors import ArmError
+from .machine.run_folder import keep_temporary_files_together
 from .version import VERSION
 
 INTERRUPTED = 130
@@ -72,6 +73,12 @@ def parser() -> argparse.ArgumentParser:
     return top
 
 
-if __name__ == "__main__":
+def program() -> int:
+    """`main` of a process that does nothing else."""
     interrupts.watch(interrupts.watched())
-    sys.exit(main())
+    keep_temporary_files_together()
+    return main()
+
+
+if __name__ == "__main__":
+    sys.exit(program())

@@ -69,6 +69,10 @@ A stop is heard at the next report of the thread. So long a stage of an undistur
 {longest}
 
 ![The panel idle, running, failed and done](images/panel.png)
+
+A result that may be wrong says so, and why: here one of the views has a wrong camera.
+
+![The panel of a doubtful result](images/panel-doubtful.png)
 """
 
 
@@ -151,6 +155,11 @@ def _photographs(found: dict) -> list[Check]:
     ]
 
 
+def _doubtful(found: dict) -> list[Check]:
+    said = "; ".join(found["doubts"]) or "nothing said"
+    return [Check("a result of which one view has a wrong camera", said, "doubtful", "002.png" in said)]
+
+
 _MAKERS = {
     "run": _run,
     "cancel": _cancel,
@@ -159,4 +168,5 @@ _MAKERS = {
     "disable": _disable,
     "engines": _engines,
     "photographs": _photographs,
+    "doubtful": _doubtful,
 }
