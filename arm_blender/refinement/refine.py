@@ -46,9 +46,9 @@ SWEPT = 16_000
 """Vertices at which colours are compared at most, evenly over the mesh; means over neighbours bridge the others."""
 
 ENOUGH, ENOUGH_OF_PHOTOGRAPHS = 0.8, 0.9
-"""Of the outlines' error before, what may be left: where less is gained, the pictures contradict each other. Photographs
-were solved by what they have in common, so that none is another's; but their masks are guessed, and much of their error
-is the masks' own, which no shape takes away."""
+"""Of the outlines' error before, what may be left: where less is gained, the pictures contradict each other.
+Photographs were solved by what they have in common, so that none is another's; but their masks are guessed, and much of
+their error is the masks' own, which no shape takes away."""
 
 SETTLED = 0.5
 """How far a vertex slides along the surface towards the middle of its neighbours after a round."""
