@@ -17,13 +17,14 @@ import window_table
 from build_extension import ROOT
 from window_root import Failed, blender_version, inside, make
 
-SCENARIOS = ("pictures", "run", "cancel", "load", "quit", "disable", "engines", "photographs")
+SCENARIOS = ("pictures", "run", "cancel", "load", "quit", "disable", "engines", "photographs", "materials")
 LIMIT = 1200.0
 """Seconds of one scenario; *cancel* begins a run for each of its stages, *photographs* solves cameras."""
 BUTTON = [759, 390]
 """Generate, in pixels from the lower left of a window of 1100 x 1200 with the views of the example listed."""
 SIDEBAR = "258x1000+624+86"
-"""What is cut out of the pictures."""
+VIEWPORT = "882x1000+0+86"
+"""What is cut out of the pictures: the sidebar, and it with its 3D view."""
 
 
 def main() -> int:
@@ -86,13 +87,20 @@ def scenario(name: str, root: Path, out: Path) -> None:
 
 
 def compose(root: Path, out: Path) -> None:
-    """docs/images/panel.png: the sidebar idle, running, failed and done, side by side."""
-    names = [f"/mnt/out/{name}.png" for name in ("idle", "running", "failed", "done")]
-    command = ["convert", *names, "-crop", SIDEBAR, "+repage", "+append", "-trim", "/mnt/out/panel.png"]
+    """The pictures of the page, side by side: the sidebar idle, running, failed and done, and regions of a result."""
+    _side_by_side(root, out, "panel", ("idle", "running", "failed", "done"), SIDEBAR, "-trim")
+    if (out / "materials.json").is_file():
+        views = ("materials-regions", "materials-predicted", "materials-chrome")
+        _side_by_side(root, out, "materials", views, VIEWPORT, "-resize", "50%")
+
+
+def _side_by_side(root: Path, out: Path, name: str, pictures: tuple[str, ...], cut: str, *then: str) -> None:
+    paths = [f"/mnt/out/{picture}.png" for picture in pictures]
+    command = ["convert", *paths, "-crop", cut, "+repage", "+append", *then, f"/mnt/out/{name}.png"]
     done = inside(root, out, command, 60.0)
     if done.returncode != 0:
         raise Failed(f"ImageMagick: {done.stdout.strip()}")
-    shutil.copy(out / "panel.png", ROOT / "docs" / "images" / "panel.png")
+    shutil.copy(out / f"{name}.png", ROOT / "docs" / "images" / f"{name}.png")
 
 
 def machine() -> str:
