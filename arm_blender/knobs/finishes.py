@@ -4,7 +4,7 @@ Imports nothing heavy.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..errors import ArmError
 
@@ -66,28 +66,33 @@ def finishes_of(text: str) -> dict[int, Finish]:
 
 
 def finish_of(word: str) -> Finish:
-    """A preset by its name, or roughness and metallic, as in 0.3/1.
+    """A preset by its name, roughness and metallic, as in 0.3/1, or a preset with its own: gold/0.3, gold/0.3/0.9.
 
     Raises:
-        ArmError: it is neither.
+        ArmError: it is none of these.
     """
-    if word in PRESETS:
-        return PRESETS[word]
+    first, *rest = word.split("/")
+    preset = PRESETS.get(first)
     try:
-        roughness, metallic = (float(part) for part in word.split("/"))
+        numbers = [float(part) for part in (rest if preset is not None else [first, *rest])]
     except ValueError:
-        roughness = metallic = -1.0
-    if not (0.0 <= roughness <= 1.0 and 0.0 <= metallic <= 1.0):
+        numbers = [-1.0]
+    few = len(numbers) <= 2 if preset is not None else len(numbers) == 2
+    if not few or not all(0.0 <= number <= 1.0 for number in numbers):
         raise ArmError(
             f"{word!r}: is no finish; give one of {', '.join(PRESETS)}, or roughness/metallic from 0 to 1, as in 0.3/1"
         )
-    return Finish(roughness, metallic)
+    if preset is None:
+        return Finish(*numbers)
+    return replace(preset, **dict(zip(("roughness", "metallic"), numbers, strict=False)))
 
 
 def name_of(finish: Finish) -> str:
-    """The word for a finish, as `finish_of` takes it; a preset's name where it is one."""
+    """The word for a finish, as `finish_of` takes it; a preset's name where it is one, or has the color of one."""
     numbers = f"{finish.roughness:g}/{finish.metallic:g}"
-    return next((name for name, preset in PRESETS.items() if preset == finish), numbers)
+    named = next((name for name, preset in PRESETS.items() if preset == finish), None)
+    of_its_color = next((name for name, preset in PRESETS.items() if finish.f0 and preset.f0 == finish.f0), None)
+    return named or (f"{of_its_color}/{numbers}" if of_its_color else numbers)
 
 
 def words_of(finishes: Mapping[int, Finish]) -> str:

@@ -4,7 +4,8 @@ import types
 
 import pytest
 
-from arm_blender.knobs.finishes import PRESETS, Finish
+from arm_blender.errors import ArmError
+from arm_blender.knobs.finishes import PRESETS, Finish, finish_of, name_of
 from arm_blender.structures import MaterialMaps, RelightableAsset
 
 bpy = pytest.importorskip("bpy")
@@ -65,6 +66,15 @@ def test_a_slider_after_a_finish_keeps_the_rest_of_it(shown):
     press(bpy.ops.arm.set_finish, finish="gold")
     material().arm_region_roughness = 0.75
     assert finishes(material()) == {1: Finish(0.75, 1.0, PRESETS["gold"].f0)}
+
+
+@pytest.mark.parametrize("word", ["gold/0.3/1", "brushed-steel/0.35/0.5", "0.3/1", "chrome"])
+def test_whatever_is_set_has_words_that_say_it_again(word):
+    assert name_of(finish_of(word)) == word
+    assert finish_of("gold/0.3") == Finish(0.3, 1.0, PRESETS["gold"].f0)
+    for wrong in ("gold/2", "gold/0.1/0.2/0.3", "0.3", "tin/0.3", "gold/", "nan/1"):
+        with pytest.raises(ArmError, match="is no finish"):
+            finish_of(wrong)
 
 
 def test_reset_of_one_and_of_all_are_undone(shown):
