@@ -4,7 +4,7 @@ Imports nothing heavy.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from ..errors import ArmError
 
@@ -83,8 +83,9 @@ def finish_of(word: str) -> Finish:
             f"{word!r}: is no finish; give one of {', '.join(PRESETS)}, or roughness/metallic from 0 to 1, as in 0.3/1"
         )
     if preset is None:
-        return Finish(*numbers)
-    return replace(preset, **dict(zip(("roughness", "metallic"), numbers, strict=False)))
+        return Finish(numbers[0], numbers[1])
+    roughness, metallic = (*numbers, *(preset.roughness, preset.metallic)[len(numbers) :])
+    return Finish(roughness, metallic, preset.f0)
 
 
 def name_of(finish: Finish) -> str:

@@ -50,7 +50,7 @@ def pick(shown: bpy.types.Object) -> Iterator[float]:
     """*Pick on Object* left by Esc, then by a click on the middle of the object."""
     region = next(region for region in area().regions if region.type == "WINDOW")
     view = area().spaces.active.region_3d
-    view.view_location, view.view_distance = shown.matrix_world @ middle(shown), 2.5
+    view.view_location, view.view_distance = shown.matrix_world @ middle(shown), 1.8
     with in_view():
         bpy.ops.view3d.view_axis(type="FRONT")
     yield 2.0

@@ -22,6 +22,9 @@ UV_MAP = "UVMap"
 NORMAL = "Normal"
 """The node of a normal map."""
 
+_DIGITS = 2
+"""Decimals of a predicted mean: what a slider shows is what it sets."""
+
 _COLUMN = -640.0
 _ROW = 320.0
 
@@ -119,7 +122,8 @@ def _known(maps: MaterialMaps, regions: Regions) -> KnownRegions:
     """What the panel tells of the regions."""
     found = []
     for number, (area, swatch) in enumerate(zip(regions.area, regions.swatch, strict=True), start=1):
-        means = (_mean(texels, regions.index == number) for texels in (maps.roughness, maps.metallic))
+        inside = regions.index == number
+        means = (round(_mean(texels, inside), _DIGITS) for texels in (maps.roughness, maps.metallic))
         found.append(KnownRegion(number, area, swatch, *means))
     return KnownRegions(tuple(found), regions.light)
 

@@ -21,6 +21,9 @@ MAP_NODES = {
 _SOCKETS = {"albedo": "Base Color", "roughness": "Roughness", "metallic": "Metallic"}
 """The input of the Principled BSDF that shows a map; what regions are set to comes between."""
 
+_CHOSEN = (0.85, 0.12, 0.0)
+"""The colour of the chosen region among the swatches, linear: the orange of what Blender has selected."""
+
 _EMISSION = "ARM map view"
 _SWATCHES = "ARM region swatches"
 _SHADED_FROM = "arm_shaded_from"
@@ -82,7 +85,7 @@ def _source(material: bpy.types.Material, tree: bpy.types.ShaderNodeTree, view: 
 
 
 def _add_swatches(material: bpy.types.Material, tree: bpy.types.ShaderNodeTree) -> bpy.types.NodeSocket | None:
-    """Steps that paint each region in the colour of its swatch."""
+    """Steps that paint each region in the colour of its swatch, and the chosen one orange."""
     if regions_image(material) is None:
         return None
     steps = tree.nodes.new("ShaderNodeValToRGB")
@@ -90,7 +93,8 @@ def _add_swatches(material: bpy.types.Material, tree: bpy.types.ShaderNodeTree) 
     steps.location = (tree.nodes[_EMISSION].location.x - 280.0, tree.nodes[_EMISSION].location.y)
     elements = make_steps(steps.color_ramp)
     for region in known_regions(material).regions:
-        elements[region.number].color = (*region.swatch, 1.0)
+        color = _CHOSEN if region.number == getattr(material, "arm_region", 0) else region.swatch
+        elements[region.number].color = (*color, 1.0)
     tree.links.new(tree.nodes[NODE].outputs["Color"], steps.inputs[0])
     return steps.outputs["Color"]
 
@@ -133,7 +137,7 @@ def register() -> None:
             ("baked", "Baked", "The color with the lighting of the views in it"),
             ("roughness", "Roughness", "White is rough"),
             ("metallic", "Metallic", "White is metal"),
-            (REGIONS, "Regions", "The parts of one finish, each in the color of its swatch"),
+            (REGIONS, "Regions", "The parts of one finish in the colors of their swatches, the chosen one orange"),
         ),
         default=SHADED,
         update=_changed,

@@ -12,6 +12,13 @@ if TYPE_CHECKING:
     import bpy
 
 
+def region_chosen(material: bpy.types.Material, _context: bpy.types.Context) -> None:
+    """The picture of the regions follows."""
+    from ..asset.view_switch import show
+
+    show(material, material.arm_view)
+
+
 def get_roughness(material: bpy.types.Material) -> float:
     """Of the chosen region: what it is set to, else what was predicted of it on average."""
     from .chosen import shown_value

@@ -42,9 +42,9 @@ class ARM_PT_materials(InSidebar, bpy.types.Panel):
         sliders.prop(material, "arm_region_metallic", text="Metallic", slider=True)
         title = title_of(given[chosen.number]) if chosen.number in given else "Finish"
         layout.operator_menu_enum("arm.set_finish", "finish", text=title, icon="MATERIAL")
-        row = layout.row(align=True)
-        row.operator("arm.reset_finish", icon="LOOP_BACK")
-        row.operator("arm.reset_finishes", text="All")
+        resets = layout.column(align=True)
+        resets.operator("arm.reset_finish", icon="LOOP_BACK")
+        resets.operator("arm.reset_finishes")
 
 
 def _draw_row(rows: bpy.types.UILayout, region: KnownRegion, finish: Finish | None, chosen: bool) -> None:

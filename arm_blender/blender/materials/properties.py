@@ -4,13 +4,18 @@ import bpy
 from bpy.props import FloatProperty, IntProperty
 
 from ...knobs.finishes import MOST_REGIONS
-from .callbacks import get_metallic, get_roughness, set_metallic, set_roughness
+from .callbacks import get_metallic, get_roughness, region_chosen, set_metallic, set_roughness
 
 
 def register() -> None:
     material = bpy.types.Material
     material.arm_region = IntProperty(
-        name="Region", description="The one whose finish is shown and set", default=1, min=1, max=MOST_REGIONS
+        name="Region",
+        description="The one whose finish is shown and set",
+        default=1,
+        min=1,
+        max=MOST_REGIONS,
+        update=region_chosen,
     )
     material.arm_region_roughness = FloatProperty(
         name="Roughness",
@@ -18,6 +23,7 @@ def register() -> None:
         subtype="FACTOR",
         min=0.0,
         max=1.0,
+        precision=2,
         get=get_roughness,
         set=set_roughness,
     )
@@ -27,6 +33,7 @@ def register() -> None:
         subtype="FACTOR",
         min=0.0,
         max=1.0,
+        precision=2,
         get=get_metallic,
         set=set_metallic,
     )

@@ -91,11 +91,16 @@ def test_every_number_reaches_its_own_step(shown, tmp_path):
     assert rendered(material, "roughness", tmp_path)[5, :, 0] == pytest.approx(numbers / 10.0, abs=1e-4)
 
 
-def test_regions_show_in_the_colors_of_their_swatches(shown, tmp_path):
+def test_regions_show_in_the_colors_of_their_swatches_and_the_chosen_one_orange(shown, tmp_path):
+    orange = [0.85, 0.12, 0.0]
     picture = rendered(shown.active_material, "regions", tmp_path)
-    assert picture[-1, 0] == pytest.approx([0.8, 0.2, 0.1], abs=1e-4)
+    assert picture[-1, 0] == pytest.approx(orange, abs=1e-4)
     assert picture[-1, -1] == pytest.approx([0.1, 0.4, 0.9], abs=1e-4)
     assert picture[0].max() == 0.0
+    shown.active_material.arm_region = 2
+    picture = rendered(shown.active_material, "regions", tmp_path)
+    assert picture[-1, 0] == pytest.approx([0.8, 0.2, 0.1], abs=1e-4)
+    assert picture[-1, -1] == pytest.approx(orange, abs=1e-4)
     shown.active_material.arm_view = "shaded"
     assert [node.name for node in shown.active_material.node_tree.nodes if node.type == "VALTORGB"] == []
 
