@@ -249,8 +249,9 @@ class MaterialMaps:
 
     def to(self, device: torch.device | str) -> "MaterialMaps":
         """The same on another device."""
-        maps = (getattr(self, entry.name) for entry in fields(self))
-        return MaterialMaps(*(entry.to(device) if isinstance(entry, Tensor | Regions) else entry for entry in maps))
+        maps = {entry.name: getattr(self, entry.name) for entry in fields(self)}
+        held = {name: entry.to(device) for name, entry in maps.items() if isinstance(entry, Tensor | Regions)}
+        return replace(self, **held)
 
     def image(self, name: str, side: int = VALUE_SIDE) -> Tensor:
         """(C, T, T) of the map of that name; one that is a value is spread out over `side` texels a side."""

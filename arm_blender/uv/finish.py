@@ -1,11 +1,61 @@
 """Maps as a user's finishes make them: roughness and metallic of whole regions, and the base colour of metals."""
 
 from dataclasses import replace
+from typing import Any
 
 import torch
 from torch import Tensor
 
+from ..graphics.color import bytes_from_unit, srgb_from_linear
+from ..knobs.finishes import finishes_of, name_of
+from ..report import Report
 from ..structures import MaterialMaps, Regions
+
+
+def chosen_finishes(maps: MaterialMaps, words: str | None, report: Report) -> MaterialMaps:
+    """The maps with a user's finishes beside them, and the regions in the report.
+
+    Args:
+        maps: as predicted.
+        words: as `finishes_of` takes them; None sets none. A number that there is no region of makes the result
+            doubtful rather than lost: nobody knows before how many there are.
+        report: gets the list of regions.
+    """
+    regions = maps.regions
+    if regions is not None and words is not None:
+        asked = finishes_of(words)
+        for number in sorted(set(asked) - set(range(1, regions.count + 1))):
+            what = f"--finish {number}={name_of(asked[number])} was not used, as there is no region {number}"
+            report.doubt(f"{what}; regions.png shows 1 to {regions.count}")
+        regions = replace(regions, finishes={n: finish for n, finish in asked.items() if n <= regions.count})
+        maps = replace(maps, regions=regions)
+    report.regions = described(maps)
+    predicted = {"roughness": maps.roughness, "metallic": maps.metallic}
+    report.values = {name: texels for name, texels in predicted.items() if isinstance(texels, float)}
+    return maps
+
+
+def described(maps: MaterialMaps) -> list[dict[str, Any]]:
+    """The regions as JSON types: number, share, swatch (sRGB, as #rrggbb), predicted means, and the finish or None."""
+    regions = maps.regions
+    if regions is None:
+        return []
+    found = []
+    for number, (area, swatch) in enumerate(zip(regions.area, regions.swatch, strict=True), start=1):
+        means = {}
+        for name in ("roughness", "metallic"):
+            texels = getattr(maps, name)
+            if isinstance(texels, Tensor):
+                inside = sized(regions.index, texels.shape[-1]) == number
+                texels = float(texels[0][inside].mean()) if inside.any() else float(texels.mean())
+            means[name] = round(texels, 4)
+        finish = regions.finishes.get(number)
+        color = bytes(bytes_from_unit(srgb_from_linear(torch.tensor(swatch))).tolist()).hex()
+        found.append(
+            {"number": number, "share": round(area, 4), "swatch": f"#{color}", **means}
+            | {"finish": None if finish is None else name_of(finish)}
+        )
+    return found
 
 
 def finished(maps: MaterialMaps) -> MaterialMaps:
