@@ -137,6 +137,11 @@ class Knobs:
         f"of regions, by number: {EXAMPLE}",
         Rule(are_finishes, f"give regions with a finish or roughness/metallic, as {EXAMPLE}; {', '.join(PRESETS)}"),
         listed=True,
+        shown=Shown(
+            "Finishes",
+            f"What regions are made of, by their numbers, as in {EXAMPLE}; the panel Materials sets them afterwards",
+            none="",
+        ),
     )
     """Sets what the parts of one finish are made of, over what is predicted; regions.png shows their numbers."""
     normal_map: bool = knob(
