@@ -55,6 +55,7 @@ class Report:
         regions: parts of one finish: number, share of the surface, colour, what roughness and metallic are predicted in
             the mean, and the finish where one was set.
         values: maps that are one value as predicted, by name.
+        view_light: linear Rec.709, the light in the views' colours (`structures.Regions`); None without regions.
         left_out: what was not done, and why.
     """
 
@@ -77,6 +78,7 @@ class Report:
     refinement: dict[str, Any] | None = None
     regions: list[dict[str, Any]] = field(default_factory=list)
     values: dict[str, float] = field(default_factory=dict)
+    view_light: list[float] | None = None
     left_out: list[LeftOut] = field(default_factory=list)
 
     @contextmanager
@@ -137,6 +139,7 @@ class Report:
             "refinement": self.refinement,
             "regions": self.regions,
             "values": self.values,
+            "view_light": self.view_light,
             "left_out": [{"what": note.what, "why": note.why} for note in self.left_out],
         }
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -249,9 +250,11 @@ class MaterialMaps:
 
     def to(self, device: torch.device | str) -> "MaterialMaps":
         """The same on another device."""
-        maps = {entry.name: getattr(self, entry.name) for entry in fields(self)}
-        held = {name: entry.to(device) for name, entry in maps.items() if isinstance(entry, Tensor | Regions)}
-        return replace(self, **held)
+
+        def moved(entry: Any) -> Any:
+            return entry.to(device) if isinstance(entry, Tensor | Regions) else entry
+
+        return MaterialMaps(*(moved(getattr(self, entry.name)) for entry in fields(self)))
 
     def image(self, name: str, side: int = VALUE_SIDE) -> Tensor:
         """(C, T, T) of the map of that name; one that is a value is spread out over `side` texels a side."""

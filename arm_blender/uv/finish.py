@@ -29,7 +29,7 @@ def chosen_finishes(maps: MaterialMaps, words: str | None, report: Report) -> Ma
             report.doubt(f"{what}; regions.png shows 1 to {regions.count}")
         regions = replace(regions, finishes={n: finish for n, finish in asked.items() if n <= regions.count})
         maps = replace(maps, regions=regions)
-    report.regions = described(maps)
+    report.regions, report.view_light = described(maps), None if regions is None else list(regions.light)
     predicted = {"roughness": maps.roughness, "metallic": maps.metallic}
     report.values = {name: texels for name, texels in predicted.items() if isinstance(texels, float)}
     return maps

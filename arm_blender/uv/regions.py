@@ -28,9 +28,9 @@ class RegionConfig:
     """Regions at most."""
     lattice: int = 256
     """Nodes a side. More cost time; fewer lose what is narrow."""
-    lightness: float = 0.4
+    lightness: float = 0.45
     """Larger cuts surfaces where shadow is left in their albedo; smaller joins black parts to white ones."""
-    apart: float = 0.06
+    apart: float = 0.07
     """Colours nearer than this are one. Smaller cuts a surface at its shades; larger loses parts of a like colour."""
     worth: float = 4e-4
     """What two clusters have to lose by being one, of the surface's share times the square of a distance. Smaller keeps
