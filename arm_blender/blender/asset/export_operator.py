@@ -43,10 +43,10 @@ class ARM_OT_export(bpy.types.Operator):
             self.report({"ERROR"}, "Choose a folder and at least one format")
             return {"CANCELLED"}
         from ...export import write_files  # It brings torch, which takes seconds.
-        from .object_asset import asset_from_object, baked_finishes
+        from .object_asset import asset_from_object
 
         try:
-            asset = baked_finishes(asset_from_object(context.active_object))
+            asset = asset_from_object(context.active_object)
             wanted = [name for name, _, _ in _FORMATS if name in self.formats]
             files = write_files(asset, Path(bpy.path.abspath(self.directory)) / asset.name, wanted)
         except ArmError as error:

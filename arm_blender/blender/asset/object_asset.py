@@ -1,6 +1,5 @@
 """An object of the open file as an asset again: what `build_object` made, with whatever the user did to it since."""
 
-from dataclasses import replace
 from typing import Any
 
 import bpy
@@ -12,7 +11,6 @@ from torch import Tensor
 from ...errors import ArmError, EmptyMeshError
 from ...graphics.color import linear_from_srgb
 from ...structures import VALUE_SIDE, MaterialMaps, Regions, RelightableAsset, UvMesh
-from ...uv.finish import finished
 from .finish_nodes import finish_node, finishes
 from .regions import STEPS, known_regions, regions_image
 
@@ -27,13 +25,6 @@ def asset_from_object(source: bpy.types.Object) -> RelightableAsset:
         ArmError: the material is not of the kind that we make; the line says what is missing.
     """
     return RelightableAsset(bpy.path.clean_name(source.name), _mesh(source), _maps(source))
-
-
-def baked_finishes(asset: RelightableAsset) -> RelightableAsset:
-    """The asset with what is set of its regions in its maps, for programs that know of no regions; none is set then."""
-    maps = finished(asset.maps)
-    regions = None if maps.regions is None else replace(maps.regions, finishes={})
-    return replace(asset, maps=replace(maps, regions=regions))
 
 
 def _mesh(source: bpy.types.Object) -> UvMesh:

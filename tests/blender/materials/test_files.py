@@ -74,6 +74,8 @@ def test_every_format_of_the_export_has_what_is_set(shown, maps, tmp_path):
     in_usdz = [texels(Image.open(BytesIO(inside[f"{name}.png"]))) for name in ("albedo", "roughness", "metallic")]
     is_gold(in_usdz[0], in_usdz[1][..., 0], in_usdz[2][..., 0], maps)
     assert finishes(shown.active_material) == {2: GOLD}, "it stays set, and the prediction behind it"
+    predicted = texels(Image.open(folder / "textures" / "predicted" / "roughness.png"))[..., 0]
+    assert np.abs(predicted - maps.roughness[0].numpy()).max() < 2 / 255
 
 
 def test_relighting_an_object_and_its_file_render_what_is_set(shown, tmp_path):
