@@ -50,6 +50,10 @@ class RegionConfig:
     """Share below which a region, all its patches together, does."""
 
 
+_MOST_BINS = 256
+"""Of colours, before any are joined; what that takes grows with the third power."""
+
+
 @dataclass(frozen=True)
 class _Lattice:
     """The covered nodes: (P, 3) colours, (P,) shares of the surface, (E, 2) neighbours; (S, S) node of each cell or -1;
@@ -73,14 +77,16 @@ def regions_of(mesh: UvMesh, maps: MaterialMaps, mask: Tensor, config: RegionCon
     Returns:
         1 to `config.most` regions; one where the surface has one colour.
     """
+    device, mesh, maps, mask = mask.device, mesh.to("cpu"), maps.to("cpu"), mask.cpu()  # It is short there.
     lattice = _lattice(mesh, maps.albedo, mask, config)
     if lattice is None:  # No texel is covered.
-        return Regions(torch.ones_like(mask, dtype=torch.uint8), (1.0,), ((0.5, 0.5, 0.5),))
+        return Regions(torch.ones_like(mask, dtype=torch.uint8, device=device), (1.0,), ((0.5, 0.5, 0.5),))
     label = _clusters(lattice, config)
     label = _joined(_agreed(lattice, label, config), lattice, config)
     label = _by_area(label, lattice.share)
     count = int(label.max()) + 1
-    area = lattice.share.new_zeros(count).index_add_(0, label, lattice.share)
+    area = lattice.share.double().new_zeros(count).index_add_(0, label, lattice.share.double())
+    area = area / area.sum()
     index = _upsampled(label, lattice, maps.albedo, config)
     swatch = []
     for number in range(count):
@@ -151,24 +157,27 @@ def _across_seams(mesh: UvMesh, node: Tensor, covered: Tensor) -> Tensor:
 
 def _clusters(lattice: _Lattice, config: RegionConfig) -> Tensor:
     """(P,) int64: clusters of colour, 0, 1, ...; gradients are not cut."""
-    cell = (lattice.color / (0.6 * config.apart)).round().long() + 512
-    _, bin_of = torch.unique((cell[:, 0] * 1024 + cell[:, 1]) * 1024 + cell[:, 2], return_inverse=True)
-    count = int(bin_of.max()) + 1
+    width, count = 0.5 * config.apart, _MOST_BINS + 1
+    while count > _MOST_BINS:
+        width *= 1.25
+        cell = (lattice.color / width).round().long() + 512
+        _, bin_of = torch.unique((cell[:, 0] * 1024 + cell[:, 1]) * 1024 + cell[:, 2], return_inverse=True)
+        count = int(bin_of.max()) + 1
     weight = lattice.share.new_zeros(count).index_add_(0, bin_of, lattice.share).double()
     total = lattice.color.new_zeros(count, 3).index_add_(0, bin_of, lattice.color * lattice.share[:, None]).double()
     group = torch.arange(count, device=bin_of.device)
     alive = weight > 0.0
     center = total / weight.clamp(min=1e-15)[:, None]
     distance = torch.cdist(center, center)
-    soft = torch.zeros_like(distance, dtype=torch.bool)
+    others = ~torch.eye(count, dtype=torch.bool)
     while int(alive.sum()) > 1:
-        # What is lost by joining two clusters; what is near or goes over into the other counts as nothing.
+        # What is lost by joining two clusters. Beyond that only what is near, or goes over into the other, is joined.
         loss = distance**2 * weight[:, None] * weight / (weight[:, None] + weight).clamp(min=1e-15)
-        loss = torch.where(alive[:, None] & alive & ~torch.eye(count, dtype=torch.bool), loss, torch.inf)
+        loss = torch.where(alive[:, None] & alive & others, loss, torch.inf)
         a, b = divmod(int(loss.argmin()), count)
         few = int(alive.sum()) <= config.most
         if few and float(loss[a, b]) >= config.worth and float(distance[a, b]) >= config.apart:
-            near = torch.where(alive[:, None] & alive & ~torch.eye(count, dtype=torch.bool), distance, torch.inf)
+            near = torch.where(alive[:, None] & alive & others, distance, torch.inf)
             a, b = divmod(int(near.argmin()), count)
             if float(near[a, b]) >= config.apart:
                 soft = _gradients(lattice, group[bin_of], center, config)
