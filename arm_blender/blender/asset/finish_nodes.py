@@ -23,8 +23,10 @@ CHANNELS = {"Base Color": "NodeSocketColor", "Roughness": "NodeSocketFloat", "Me
 """Inputs of the Principled BSDF that the table may feed, and the kind of socket of each."""
 
 _FINISH, _METAL = "Finish", "Base color of metal"
-"""The ramps. Red and green of the first are roughness and metallic, its alpha is 1 where a region is set. The second is
-F0; its alpha is 1 where that is known."""
+"""The ramps. Red and green of the first are roughness and metallic, its alpha is 1 where a region is as predicted and 0
+where it is set. The second is F0; its alpha is 0 where that is known."""
+
+_NOTHING = (0.0, 0.0, 0.0, 1.0)
 
 _DIGITS = 6
 """Decimals that ramps, which hold 32-bit floats, tell apart."""
@@ -104,18 +106,27 @@ def _new_group() -> bpy.types.ShaderNodeTree:
         for way in ("INPUT", "OUTPUT"):
             group.interface.new_socket(channel, in_out=way, socket_type=kind)
     given, taken = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
-    given.location, taken.location = (-700.0, 0.0), (500.0, 0.0)
+    given.location, taken.location = (-700.0, 0.0), (560.0, 0.0)
     ramps = [_new_ramp(group, given, name, y) for name, y in ((_FINISH, 0.0), (_METAL, -280.0))]
     parts = group.nodes.new("ShaderNodeSeparateColor")
     parts.location = (-180.0, 0.0)
     group.links.new(ramps[0].outputs["Color"], parts.inputs[0])
-    is_set = ramps[0].outputs["Alpha"]
+    # The prediction comes first wherever the two meet: exporters that know no such node take the first image they find.
     for channel, chosen, y in (("Roughness", parts.outputs[0], 140.0), ("Metallic", parts.outputs[1], -60.0)):
-        mixed = _mixed(group, "FLOAT", is_set, given.outputs[channel], chosen, (260.0, y))
-        group.links.new(mixed, taken.inputs[channel])
-    remade = _remade(group, given)
-    metal = _mixed(group, "RGBA", ramps[1].outputs["Alpha"], remade, ramps[1].outputs["Color"], (60.0, -300.0))
-    base = _mixed(group, "RGBA", parts.outputs[1], given.outputs["Base Color"], metal, (260.0, -260.0))
+        sum_of = _added(group, "ShaderNodeMath", given.outputs[channel], ramps[0].outputs["Alpha"], chosen, (260.0, y))
+        group.links.new(sum_of, taken.inputs[channel])
+    remade, metals = _remade(group, given), ramps[1].outputs
+    metal = _added(group, "ShaderNodeVectorMath", remade, metals["Alpha"], metals["Color"], (20.0, -300.0))
+    rest, share = group.nodes.new("ShaderNodeMath"), group.nodes.new("ShaderNodeVectorMath")
+    rest.operation, share.operation = "SUBTRACT", "SCALE"
+    rest.inputs[0].default_value = 1.0
+    rest.location, share.location = (20.0, -120.0), (200.0, -420.0)
+    group.links.new(parts.outputs[1], rest.inputs[1])
+    group.links.new(metal, share.inputs[0])
+    group.links.new(parts.outputs[1], share.inputs["Scale"])
+    base = _added(
+        group, "ShaderNodeVectorMath", given.outputs["Base Color"], rest.outputs[0], share.outputs[0], (360.0, -240.0)
+    )
     group.links.new(base, taken.inputs["Base Color"])
     return group
 
@@ -141,21 +152,20 @@ def _remade(group: bpy.types.ShaderNodeTree, given: bpy.types.Node) -> bpy.types
     return most.outputs["Vector"]
 
 
-def _mixed(
+def _added(
     group: bpy.types.ShaderNodeTree,
     kind: str,
-    factor: bpy.types.NodeSocket,
-    without: bpy.types.NodeSocket,
-    with_it: bpy.types.NodeSocket,
+    first: bpy.types.NodeSocket,
+    share: bpy.types.NodeSocket,
+    second: bpy.types.NodeSocket,
     place: tuple[float, float],
 ) -> bpy.types.NodeSocket:
-    """The output of a node Mix."""
-    mix = group.nodes.new("ShaderNodeMix")
-    mix.data_type, mix.location = kind, place
-    first, second, result = (2, 3, 0) if kind == "FLOAT" else (6, 7, 2)
-    for source, entry in ((factor, 0), (without, first), (with_it, second)):
-        group.links.new(source, mix.inputs[entry])
-    return mix.outputs[result]
+    """The output of a node that makes first * share + second."""
+    node = group.nodes.new(kind)
+    node.operation, node.location = "MULTIPLY_ADD", place
+    for source, entry in zip((first, share, second), node.inputs, strict=False):
+        group.links.new(source, entry)
+    return node.outputs[0]
 
 
 def _read(group: bpy.types.ShaderNodeTree, number: int) -> Finish | None:
@@ -163,15 +173,14 @@ def _read(group: bpy.types.ShaderNodeTree, number: int) -> Finish | None:
         [round(value, _DIGITS) for value in group.nodes[name].color_ramp.elements[number].color]
         for name in (_FINISH, _METAL)
     )
-    if finish[3] < 0.5:
+    if finish[3] > 0.5:
         return None
-    return Finish(finish[0], finish[1], (metal[0], metal[1], metal[2]) if metal[3] > 0.5 else None)
+    return Finish(finish[0], finish[1], (metal[0], metal[1], metal[2]) if metal[3] < 0.5 else None)
 
 
 def _write(group: bpy.types.ShaderNodeTree, number: int, finish: Finish | None) -> None:
-    nothing = (0.0, 0.0, 0.0, 0.0)
-    wanted = nothing if finish is None else (finish.roughness, finish.metallic, 0.0, 1.0)
-    metal = nothing if finish is None or finish.f0 is None else (*finish.f0, 1.0)
+    wanted = _NOTHING if finish is None else (finish.roughness, finish.metallic, 0.0, 0.0)
+    metal = _NOTHING if finish is None or finish.f0 is None else (*finish.f0, 0.0)
     for name, color in ((_FINISH, wanted), (_METAL, metal)):
         group.nodes[name].color_ramp.elements[number].color = color
 

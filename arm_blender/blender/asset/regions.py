@@ -74,7 +74,7 @@ def keep_regions(material: bpy.types.Material, known: KnownRegions) -> None:
 
 
 def make_steps(ramp: bpy.types.ColorRamp) -> bpy.types.bpy_prop_collection:
-    """Have a new colour ramp give each region of the image a colour of its own: transparent black so far.
+    """Have a new colour ramp give each region of the image a colour of its own: black so far.
 
     Returns:
         the steps; a region's number is its index.
@@ -84,5 +84,5 @@ def make_steps(ramp: bpy.types.ColorRamp) -> bpy.types.bpy_prop_collection:
     for number in range(2, STEPS):
         ramp.elements.new(number / STEPS)
     for element in ramp.elements:
-        element.color = (0.0, 0.0, 0.0, 0.0)
+        element.color = (0.0, 0.0, 0.0, 1.0)
     return ramp.elements

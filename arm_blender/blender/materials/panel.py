@@ -45,6 +45,8 @@ class ARM_PT_materials(InSidebar, bpy.types.Panel):
         resets = layout.column(align=True)
         resets.operator("arm.reset_finish", icon="LOOP_BACK")
         resets.operator("arm.reset_finishes")
+        if given:  # Blender's own exporters write the prediction at best.
+            layout.label(text="For other programs: Export, below", icon="INFO")
 
 
 def _draw_row(rows: bpy.types.UILayout, region: KnownRegion, finish: Finish | None, chosen: bool) -> None:

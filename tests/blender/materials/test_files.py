@@ -78,6 +78,14 @@ def test_every_format_of_the_export_has_what_is_set(shown, maps, tmp_path):
     assert np.abs(predicted - maps.roughness[0].numpy()).max() < 2 / 255
 
 
+def test_blender_s_own_gltf_has_the_prediction_and_not_the_numbers_of_the_regions(shown, maps, tmp_path):
+    set_finish(shown.active_material, 2, GOLD)
+    bpy.ops.export_scene.gltf(filepath=str(tmp_path / "tile.glb"), use_selection=True)
+    glb = {name: texels(picture) for name, picture in in_glb(tmp_path / "tile.glb").items()}
+    assert np.abs(glb["metallicRoughnessTexture"][..., 1] - maps.roughness[0].numpy()).max() < 2 / 255
+    assert np.abs(glb["metallicRoughnessTexture"][..., 2] - maps.metallic[0].numpy()).max() < 2 / 255
+
+
 def test_relighting_an_object_and_its_file_render_what_is_set(shown, tmp_path):
     shown.rotation_euler.x = math.pi / 2.0  # Upright, facing the camera.
     bpy.context.view_layer.update()
