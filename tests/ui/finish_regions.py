@@ -13,7 +13,7 @@ from window import area, in_view, module, shoot, window
 
 DOWN = 60
 """Scrolls of the sidebar, to its end: *Materials* stands below the settings."""
-SHADERS = 20.0
+SHADERS = 45.0
 """Seconds in which the processor compiles shaders and draws."""
 
 
