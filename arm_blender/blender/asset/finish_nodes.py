@@ -194,6 +194,8 @@ def _link(tree: bpy.types.ShaderNodeTree, node: bpy.types.Node, socket: bpy.type
         tree.links.new(socket.links[0].from_socket, node.inputs[channel])
     else:
         node.inputs[channel].default_value = socket.default_value
+        if CHANNELS[channel] == "NodeSocketFloat":
+            tree.links.new(_add_value(tree, channel, socket.default_value), node.inputs[channel])
     tree.links.new(node.outputs[channel], socket)
 
 
@@ -202,9 +204,39 @@ def _unlink(tree: bpy.types.ShaderNodeTree, node: bpy.types.Node, socket: bpy.ty
     if not socket.is_linked or socket.links[0].from_node != node:
         return
     given = node.inputs[socket.name]
+    if is_value(given):
+        held = given.links[0].from_node
+        image = held.image
+        tree.nodes.remove(held)
+        if not image.users:
+            bpy.data.images.remove(image)
     if given.is_linked:
         tree.links.new(given.links[0].from_socket, socket)
         tree.links.remove(given.links[0])
     else:
         socket.default_value = given.default_value
         tree.links.remove(socket.links[0])
+
+
+def is_value(entry: bpy.types.NodeSocket) -> bool:
+    """Whether what reaches an input of the table is one value, that of the input, in the place of a map."""
+    return entry.is_linked and entry.links[0].from_node.name == _value_name(entry.name)
+
+
+def _add_value(tree: bpy.types.ShaderNodeTree, channel: str, value: float) -> bpy.types.NodeSocket:
+    """An image of one texel and that value: without any, exporters that know no such node take that of the regions."""
+    image = bpy.data.images.new(_value_name(channel), 1, 1, float_buffer=True)
+    image.colorspace_settings.name = "Non-Color"
+    image.pixels.foreach_set([value, value, value, 1.0])
+    image.update()
+    image.pack()
+    node = tree.nodes.new("ShaderNodeTexImage")
+    node.image = image
+    node.name = node.label = _value_name(channel)
+    node.hide = True
+    node.location = (-520.0, {"Roughness": -120.0, "Metallic": -170.0}[channel])
+    return node.outputs["Color"]
+
+
+def _value_name(channel: str) -> str:
+    return f"{channel}, one value"

@@ -11,7 +11,7 @@ from torch import Tensor
 from ...errors import ArmError, EmptyMeshError
 from ...graphics.color import linear_from_srgb
 from ...structures import VALUE_SIDE, MaterialMaps, Regions, RelightableAsset, UvMesh
-from .finish_nodes import finish_node, finishes
+from .finish_nodes import finish_node, finishes, is_value
 from .regions import STEPS, known_regions, regions_image
 
 
@@ -89,6 +89,8 @@ def _map_or_value(surface: bpy.types.Node, socket: str) -> Tensor | float:
     entry = surface.inputs[socket]
     if entry.is_linked and entry.links[0].from_node == finish_node(surface.id_data):
         entry = entry.links[0].from_node.inputs[socket]
+        if is_value(entry):
+            return float(entry.default_value)
     return _map(entry.node, socket, 1) if entry.is_linked else float(entry.default_value)
 
 

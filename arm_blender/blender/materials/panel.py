@@ -45,7 +45,7 @@ class ARM_PT_materials(InSidebar, bpy.types.Panel):
         resets = layout.column(align=True)
         resets.operator("arm.reset_finish", icon="LOOP_BACK")
         resets.operator("arm.reset_finishes")
-        if given:  # Blender's own exporters write the prediction at best.
+        if given:  # Blender's own exporters write the prediction.
             layout.label(text="For other programs: Export, below", icon="INFO")
 
 
