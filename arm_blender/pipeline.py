@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from typing import Any, Literal
 
@@ -27,9 +28,11 @@ from .uv.backproject import backproject, texture_size_for
 from .uv.blend import blend
 from .uv.decimate import clean, decimate
 from .uv.exposure import even
+from .uv.finish import chosen_finishes
 from .uv.given.winding import facing_out
 from .uv.normal_map import detail
 from .uv.off_colors import off_colors
+from .uv.regions import regions_of
 from .uv.texels import texel_map
 from .uv.unwrap import UnwrapConfig, unwrap
 from .views.doubts import misfit
@@ -214,7 +217,9 @@ def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report,
     albedo, baked = paint(views, texels, seen, base, settings, report, part(progress, 0.3, 0.6))
     del seen, base, colors, weight
     roughness, metallic = gloss(mesh, views, texels, settings, report, part(progress, 0.6, 1.0))
-    return MaterialMaps(maps.pad(albedo, texels.mask), maps.pad(baked, texels.mask), roughness, metallic)
+    material = MaterialMaps(maps.pad(albedo, texels.mask), maps.pad(baked, texels.mask), roughness, metallic)
+    material = replace(material, regions=regions_of(mesh, material, texels.mask))
+    return chosen_finishes(material, settings.finish, report)
 
 
 def paint(

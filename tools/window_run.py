@@ -17,15 +17,20 @@ import window_table
 from build_extension import ROOT
 from window_root import Failed, blender_version, inside, make
 
-SCENARIOS = ("pictures", "run", "cancel", "load", "quit", "disable", "engines", "photographs", "doubtful")
+SCENARIOS = ("pictures", "run", "cancel", "load", "quit", "disable", "engines", "photographs", "doubtful", "materials")
 LIMIT = 1200.0
 """Seconds of one scenario; *cancel* begins a run for each of its stages, *photographs* solves cameras."""
 BUTTON = [759, 390]
 """Generate, in pixels from the lower left of a window of 1100 x 1200 with the views of the example listed."""
 SIDEBAR = "258x1000+624+86"
-"""What is cut out of the pictures."""
-PICTURES = {"panel.png": ("idle", "running", "failed", "done"), "panel-doubtful.png": ("doubtful",)}
-"""In docs/images, and of what each is made, side by side."""
+VIEWPORT = "882x1000+0+86"
+"""What is cut out of the pictures: the sidebar, and it with its 3D view."""
+PICTURES = {
+    "panel": (("idle", "running", "failed", "done"), SIDEBAR, ("-trim",)),
+    "panel-doubtful": (("doubtful",), SIDEBAR, ("-trim",)),
+    "materials": (("materials-regions", "materials-predicted", "materials-chrome"), VIEWPORT, ("-resize", "50%")),
+}
+"""In docs/images: of what each is made, side by side, and how."""
 
 
 def main() -> int:
@@ -89,15 +94,15 @@ def scenario(name: str, root: Path, out: Path) -> None:
 
 def compose(root: Path, out: Path) -> None:
     """The `PICTURES` of which all parts are there."""
-    for made, names in PICTURES.items():
+    for made, (names, cut, then) in PICTURES.items():
         if not all((out / f"{name}.png").is_file() for name in names):
             continue  # Found last by others, as the rest of the page.
-        shown = [f"/mnt/out/{name}.png" for name in names]
-        command = ["convert", *shown, "-crop", SIDEBAR, "+repage", "+append", "-trim", f"/mnt/out/{made}"]
+        paths = [f"/mnt/out/{name}.png" for name in names]
+        command = ["convert", *paths, "-crop", cut, "+repage", "+append", *then, f"/mnt/out/{made}.png"]
         done = inside(root, out, command, 60.0)
         if done.returncode != 0:
             raise Failed(f"ImageMagick: {done.stdout.strip()}")
-        shutil.copy(out / made, ROOT / "docs" / "images" / made)
+        shutil.copy(out / f"{made}.png", ROOT / "docs" / "images" / f"{made}.png")
 
 
 def machine() -> str:

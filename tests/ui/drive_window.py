@@ -18,6 +18,7 @@ import bpy
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
+from finish_regions import materials
 from walk_photographs import photographs
 from watch import Watch, stage_of
 from window import EXTENSION, OUT, PROJECT, area, in_view, module, shoot, state, window
@@ -125,9 +126,7 @@ def disable(watch: Watch) -> Scenario:
 
 def engines(watch: Watch) -> Scenario:
     """The previews of a new asset by Cycles and by Eevee: the mean displayed colour of the object in each."""
-    yield from click_generate()
-    while module("generate.operators").is_running():
-        yield STEP
+    yield from generated()
     relight, made = module("relight.renders"), window().view_layer.objects.active
     found: dict[str, dict[str, float]] = {}
     for engine in ("cycles", "eevee"):
@@ -209,6 +208,13 @@ def click_generate() -> Scenario:
     raise AssertionError(f"no run begins by a click at {x}, {y}: {state().error}; see no-button.png")
 
 
+def generated() -> Scenario:
+    """A result, by the panel's button."""
+    yield from click_generate()
+    while module("generate.operators").is_running():
+        yield STEP
+
+
 def begin_run() -> Scenario:
     """A run that is at work in its networks."""
     if not bpy.context.scene.arm.views_path:
@@ -250,6 +256,7 @@ SCENARIOS = {
     "engines": engines,
     "photographs": photographs,
     "doubtful": doubtful,
+    "materials": lambda watch: materials(watch, generated()),
 }
 
 
