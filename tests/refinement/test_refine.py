@@ -14,8 +14,7 @@ from arm_blender.refinement.refine import SWEPT, refine
 from arm_blender.refinement.untangling import folded
 from arm_blender.refinement.vertex_graph import VertexGraph
 from arm_blender.structures import TriangleMesh, ViewSet
-
-from .scenes import (
+from training.studies.pebble import (
     ball,
     dent,
     distance,
