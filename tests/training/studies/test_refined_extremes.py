@@ -41,11 +41,14 @@ def test_reflections_are_not_alike_in_two_views():
     assert float((turned.images[0, :3] - turned.images[1, :3]).abs().mean()) > 0.05
 
 
-@pytest.mark.parametrize("factor, finite, folds", [(1.0, True, False), (torch.nan, False, False), (-1.0, True, True)])
-def test_what_is_measured_is_what_a_refinement_did(start, monkeypatch, factor, finite, folds):
+@pytest.mark.parametrize("what, finite, folds", [("nothing", True, False), ("nan", False, False), ("swap", True, True)])
+def test_what_is_measured_is_what_a_refinement_did(start, monkeypatch, what, finite, folds):
     def moved(mesh, *_):
-        vertices = mesh.vertices.clone()
-        vertices[0] *= factor
+        vertices, (a, b, _) = mesh.vertices.clone(), mesh.faces[10].tolist()
+        if what == "nan":
+            vertices[a] = torch.nan
+        elif what == "swap":
+            vertices[[a, b]] = vertices[[b, a]]
         return _Result(replace(mesh, vertices=vertices))
 
     monkeypatch.setattr(refined_extremes, "refine", moved)
