@@ -11,6 +11,7 @@ from arm_blender import networks, pipeline
 from arm_blender.config import Settings
 from arm_blender.errors import ArmError, Cancelled, CheckpointError, EmptyMeshError
 from arm_blender.graphics.cameras import project
+from arm_blender.knobs.finishes import PRESETS
 from arm_blender.models.image_encoder import ImageEncoderConfig
 from arm_blender.models.paper.georm import GeoRM
 from arm_blender.models.paper.reconstruction import ReconstructionConfig
@@ -70,6 +71,23 @@ def test_the_report_says_what_was_made(result):
     assert report["faces"] == len(result[0].mesh.faces) <= QUICK.resolved.faces
     assert set(report["seconds"]) == {"shape", "unwrap", "appearance"}
     assert 0.5 < report["seen_share"] <= 1.0
+
+
+def test_the_barrel_is_one_blue_region_and_little_else(result):
+    regions, listed = result[0].maps.regions, result[1].as_dict()["regions"]
+    assert regions.index.shape == result[0].maps.albedo.shape[1:] and len(listed) == regions.count
+    assert regions.area[0] > 0.6 and sum(regions.area) == pytest.approx(1.0)
+    red, green, blue = regions.swatch[0]
+    assert blue > 2.0 * red and blue > green
+    assert all(one["finish"] is None for one in listed)
+
+
+def test_a_finish_is_set_beside_what_is_predicted(result, views):
+    asset, report = pipeline.generate(views, replace(QUICK, finish="1=chrome,8=gold"))
+    assert torch.equal(asset.maps.albedo, result[0].maps.albedo)
+    assert asset.maps.regions.finishes == {1: PRESETS["chrome"]}
+    assert report.regions[0]["finish"] == "chrome"
+    assert any("there is no region 8" in doubt for doubt in report.doubts)
 
 
 def test_the_same_seed_gives_the_same_asset(result, views):

@@ -1,7 +1,6 @@
 """An asset on disk: the mesh in one format or several, the texture maps, report.json. No bpy in this package."""
 
 import os
-import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -164,7 +163,11 @@ def _move_into(directory: Path, stage: Path) -> list[Path]:
     for path in files[:-1]:
         (directory / path).parent.mkdir(exist_ok=True)
         os.replace(stage / path, directory / path)
-    if not (stage / FOLDER / PREDICTED).exists():  # Of finishes that are not set any more.
-        shutil.rmtree(directory / FOLDER / PREDICTED, ignore_errors=True)
+    older = directory / FOLDER / PREDICTED
+    if older.is_dir() and not (stage / FOLDER / PREDICTED).exists():  # Of finishes that are not set any more.
+        for name in SET_BY_HAND:
+            (older / f"{name}.png").unlink(missing_ok=True)
+        if not any(older.iterdir()):
+            older.rmdir()
     os.replace(stage / files[-1], directory / files[-1])
     return [directory / path for path in files]

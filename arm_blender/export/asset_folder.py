@@ -54,7 +54,7 @@ def read_asset(directory: Path) -> WrittenAsset:
     if not isinstance(mesh, UvMesh):
         raise ArmError(f"{directory}: the mesh of {name} has lost its UVs; generate it again")
     try:
-        maps = read_maps(directory / FOLDER, report["values"], lambda index: _regions(index, report))
+        maps = read_maps(directory / FOLDER, report["values"], lambda index: _regions(index, report), _detailed(report))
         charts = int(report["charts"])
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise ArmError(f"{directory / FILE_NAME}: does not fit its textures ({error}); generate it again") from error
@@ -74,6 +74,11 @@ def _report(directory: Path) -> dict[str, Any]:
     if not report.get("regions"):
         raise ArmError(f"{directory}: was made before assets had regions; generate it again")
     return report
+
+
+def _detailed(report: Mapping[str, Any]) -> bool:
+    """Whether the run made a normal map."""
+    return "normal map" in report["seconds"] and all(note["what"] != "normal map" for note in report["left_out"])
 
 
 def _regions(index: Tensor, report: Mapping[str, Any]) -> Regions:

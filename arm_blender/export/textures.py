@@ -63,13 +63,16 @@ def write_regions(maps: MaterialMaps, folder: Path) -> None:
             write_png(folder / PREDICTED / f"{name}.png", maps.image(name), name == "albedo")
 
 
-def read_maps(folder: Path, values: Mapping[str, float], regions: Callable[[Tensor], Regions]) -> MaterialMaps:
+def read_maps(
+    folder: Path, values: Mapping[str, float], regions: Callable[[Tensor], Regions], detailed: bool
+) -> MaterialMaps:
     """The predicted maps that `write_textures` and `write_regions` wrote.
 
     Args:
         folder: of the textures.
         values: of the maps that are one, by name.
         regions: makes the regions of their numbers; where it sets finishes, the predicted maps lie in `PREDICTED`.
+        detailed: whether there is a normal map; one of an earlier asset may lie there still.
     Raises:
         InputImageError: a picture is missing or cannot be read.
         ArmError: there are no regions.
@@ -87,7 +90,7 @@ def read_maps(folder: Path, values: Mapping[str, float], regions: Callable[[Tens
     def texels(name: str) -> Tensor | float:
         return values[name] if name in values else _stored(read_image(changed / f"{name}.png")[:1])
 
-    normal = 2.0 * _stored(read_image(folder / "normal.png")[:3]) - 1.0 if (folder / "normal.png").is_file() else None
+    normal = 2.0 * _stored(read_image(folder / "normal.png")[:3]) - 1.0 if detailed else None
     albedo, baked = read_image(changed / "albedo.png")[:3], read_image(folder / "baked.png")[:3]
     return MaterialMaps(albedo, baked, texels("roughness"), texels("metallic"), normal, found)
 

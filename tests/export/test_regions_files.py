@@ -16,6 +16,7 @@ from arm_blender.knobs.finishes import PRESETS, finishes_of
 from arm_blender.report import Report
 from arm_blender.structures import MaterialMaps, Regions, RelightableAsset, UvMesh
 from arm_blender.uv.finish import chosen_finishes
+from arm_blender.views.image_io import write_png
 
 T = 16
 
@@ -157,6 +158,19 @@ def test_what_is_missing_is_said_in_one_line(asset, tmp_path, spoil, line):
     spoil(folder)
     with pytest.raises(ArmError, match=line):
         read_asset(folder)
+
+
+def test_a_normal_map_comes_back_and_one_of_an_earlier_asset_does_not(asset, tmp_path):
+    folder = written(asset, tmp_path / "out", "1=gold")
+    normal = torch.nn.functional.normalize(torch.rand(3, T, T, generator=torch.Generator().manual_seed(2)), dim=0)
+    write_png(folder / "textures" / "normal.png", 0.5 + 0.5 * normal, srgb=False)
+    assert read_asset(folder).asset.maps.normal is None
+    report = json.loads((folder / "report.json").read_text())
+    (folder / "report.json").write_text(json.dumps(report | {"seconds": {"normal map": 1.0}}))
+    assert float((read_asset(folder).asset.maps.normal - normal).abs().max()) < 1.01 / 255
+    before = (folder / "textures" / "normal.png").read_bytes()
+    set_again(folder, "1=gold")
+    assert (folder / "textures" / "normal.png").read_bytes() == before
 
 
 def test_an_asset_from_before_regions_is_refused(asset, tmp_path):

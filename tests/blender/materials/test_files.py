@@ -4,7 +4,6 @@ import json
 import math
 import struct
 import zipfile
-from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
@@ -19,7 +18,6 @@ bpy = pytest.importorskip("bpy")
 from arm_blender.blender.asset.blend_file import save_blend  # noqa: E402
 from arm_blender.blender.asset.finish_nodes import finishes, set_finish  # noqa: E402
 from arm_blender.blender.asset.object_asset import asset_from_object  # noqa: E402
-from arm_blender.blender.asset.scene import build_object  # noqa: E402
 from arm_blender.blender.relight.renders import RelightConfig, relight  # noqa: E402
 
 pytestmark = pytest.mark.blender
@@ -78,17 +76,6 @@ def test_every_format_of_the_export_has_what_is_set(shown, maps, tmp_path):
     assert finishes(shown.active_material) == {2: GOLD}, "it stays set, and the prediction behind it"
     predicted = texels(Image.open(folder / "textures" / "predicted" / "roughness.png"))[..., 0]
     assert np.abs(predicted - maps.roughness[0].numpy()).max() < 2 / 255
-
-
-@pytest.mark.parametrize("value", [None, 0.4])
-def test_blender_s_own_gltf_has_the_prediction_and_not_the_numbers_of_the_regions(shown, tile, tmp_path, value):
-    maps = tile.maps if value is None else replace(tile.maps, roughness=value)
-    made = build_object(replace(tile, maps=maps), {})
-    set_finish(made.active_material, 2, GOLD)
-    bpy.ops.export_scene.gltf(filepath=str(tmp_path / "tile.glb"), use_selection=True)
-    packed = texels(in_glb(tmp_path / "tile.glb")["metallicRoughnessTexture"])
-    assert np.abs(packed[..., 1] - maps.image("roughness", SIDE)[0].numpy()).max() < 2 / 255
-    assert np.abs(packed[..., 2] - maps.metallic[0].numpy()).max() < 2 / 255
 
 
 def test_relighting_an_object_and_its_file_render_what_is_set(shown, tmp_path):
