@@ -1,4 +1,4 @@
-"""A picture of an object's regions for people: the object from four sides in flat colours, numbers, and a list."""
+"""A picture of an object's regions for people: the object from two sides in flat colours, numbers, and a list."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from .textures import COLORS
 SIDE = 480
 """Pixels of the object from one side."""
 
-_AZIMUTHS = (30.0, 120.0, 210.0, 300.0)
+_AZIMUTHS = (30.0, 210.0)
 _ROW = 34
 _LARGE, _SMALL = 26, 20
 """Pixels: heights of a line of the list and of its letters, and of those on the object."""
@@ -35,16 +35,16 @@ def write_regions_picture(asset: RelightableAsset, path: Path) -> None:
     regions = asset.maps.regions
     if regions is None:
         return
-    picture = Image.new("RGB", (2 * SIDE + 440, 2 * SIDE), COLORS[0])
+    picture = Image.new("RGB", (2 * SIDE + 440, SIDE), COLORS[0])
     for place, azimuth in enumerate(_AZIMUTHS):
-        picture.paste(_side(asset, regions, azimuth), (place % 2 * SIDE, place // 2 * SIDE))
+        picture.paste(_side(asset, regions, azimuth), (place * SIDE, 0))
     _list(ImageDraw.Draw(picture), regions)
     with whole_file(path) as temporary:
         picture.save(temporary)
 
 
 def _side(asset: RelightableAsset, regions: Regions, azimuth_deg: float) -> Image.Image:
-    """(SIDE, SIDE) of the object from one side, a little from above on every other one, and a little from below."""
+    """(SIDE, SIDE) of the object from one side: the front a little from above, the back a little from below."""
     mesh = asset.mesh
     low, high = mesh.vertices.amin(dim=0), mesh.vertices.amax(dim=0)
     vertices = mesh.vertices - (low + high) / 2.0
