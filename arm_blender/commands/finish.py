@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -95,5 +96,7 @@ def _write_blender_files(asset: RelightableAsset, directory: Path, stage: Path, 
         raise ArmError(f"{directory / name}: {NO_BPY} ({error}), or move the file away") from error
     kept = blend_file.kept_settings(directory / name)
     blend_file.save_blend(asset, stage / name, kept | {"finish": words or None})
+    # As Blender keeps what it writes over: somebody may have worked in it.
+    shutil.copy2(directory / name, stage / f"{name}1")
     if (directory / "preview.png").is_file():
         renders.preview(stage / name, stage / "preview.png")

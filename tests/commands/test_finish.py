@@ -77,5 +77,6 @@ def test_the_blend_is_written_anew_with_what_it_was_made_of(folder, tmp_path):
     before = (folder / "ring.blend").read_bytes()
     assert run("finish", folder, "--set", "1=gold") == 0
     assert (folder / "ring.blend").read_bytes() != before
+    assert (folder / "ring.blend1").read_bytes() == before
     assert blend_file.kept_settings(folder / "ring.blend") == {"preset": "small", "seed": 7, "finish": "1=gold"}
     assert PRESETS["gold"].metallic == 1.0
