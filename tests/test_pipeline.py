@@ -7,7 +7,7 @@ import pytest
 import torch
 import trimesh
 
-from arm_blender import networks, pipeline
+from arm_blender import pipeline
 from arm_blender.config import Settings
 from arm_blender.errors import ArmError, Cancelled, CheckpointError, EmptyMeshError
 from arm_blender.graphics.cameras import project
@@ -158,7 +158,7 @@ def test_a_mesh_that_no_view_sees_is_said(views):
 )
 def test_missing_weights_are_known_before_the_work(views, tmp_path, monkeypatch, missing, count):
     real = Settings.weights
-    there = {name: real(QUICK, name) for name in networks.NETWORKS} | {missing: tmp_path / "gone.safetensors"}
+    there = {name: real(QUICK, name) for name in QUICK.networks} | {missing: tmp_path / "gone.safetensors"}
     monkeypatch.setattr(Settings, "weights", lambda _, name: there[name])
     report = Report("small", "cpu", 0)
     with pytest.raises(CheckpointError, match="gone.safetensors"):
