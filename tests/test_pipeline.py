@@ -7,7 +7,7 @@ import pytest
 import torch
 import trimesh
 
-from arm_blender import networks, pipeline
+from arm_blender import pipeline
 from arm_blender.config import Settings
 from arm_blender.errors import ArmError, Cancelled, CheckpointError, EmptyMeshError
 from arm_blender.graphics.cameras import project
@@ -136,11 +136,11 @@ def test_one_view_is_enough(views):
     assert inside > 0.8 and 0.9 < span < 1.1
     assert report.seen_share < 0.7
     assert "GeoRM" in {note.what for note in report.left_out}
-    assert set(report.weights) == {"small.ray_occupancy", "small.glossyrm", "small.instant_albedo"}
+    assert set(report.weights) == {"small.ray_occupancy", "small.finish", "small.instant_albedo"}
 
 
 def test_where_views_can_be_compared_they_are(result):
-    assert set(result[1].weights) == {"small.georm", "small.glossyrm", "small.instant_albedo"}
+    assert set(result[1].weights) == {"small.georm", "small.finish", "small.instant_albedo"}
 
 
 def cylinder_mesh(x: float = 0.0) -> TriangleMesh:
@@ -172,11 +172,11 @@ def test_a_mesh_that_no_view_sees_is_said(views):
 
 
 @pytest.mark.parametrize(
-    "missing, count", [("georm", 6), ("glossyrm", 6), ("instant_albedo", 6), ("ray_occupancy", 1), ("glossyrm", 1)]
+    "missing, count", [("georm", 6), ("finish", 6), ("instant_albedo", 6), ("ray_occupancy", 1), ("finish", 1)]
 )
 def test_missing_weights_are_known_before_the_work(views, tmp_path, monkeypatch, missing, count):
     real = Settings.weights
-    there = {name: real(QUICK, name) for name in networks.NETWORKS} | {missing: tmp_path / "gone.safetensors"}
+    there = {name: real(QUICK, name) for name in QUICK.networks} | {missing: tmp_path / "gone.safetensors"}
     monkeypatch.setattr(Settings, "weights", lambda _, name: there[name])
     report = Report("small", "cpu", 0)
     with pytest.raises(CheckpointError, match="gone.safetensors"):
@@ -194,7 +194,7 @@ def test_a_density_without_a_surface_names_the_views(views, monkeypatch):
 
 
 STOPS = ("GeoRM: reading the views", "Filling silhouettes", "Packing charts")
-STOPS += ("back-projecting the views", "filling unseen texels", "GlossyRM: decoding texels")
+STOPS += ("back-projecting the views", "filling unseen texels", "Finish: reading the views")
 
 
 @pytest.mark.parametrize("stage", STOPS)
@@ -217,7 +217,7 @@ def test_cancelling_stops_at_the_next_report_of_progress(views, stage):
         "Packing charts": ["shape", "unwrap"],
         "back-projecting the views": ["shape", "unwrap", "appearance"],
         "filling unseen texels": ["shape", "unwrap", "appearance"],
-        "GlossyRM": ["shape", "unwrap", "appearance"],
+        "Finish": ["shape", "unwrap", "appearance"],
     }
     assert list(report.seconds) == expected[stage.partition(":")[0]]
 
@@ -280,7 +280,7 @@ def test_a_network_in_instantmeshs_frame_puts_its_front_where_blenders_is(views,
 def test_instantmesh_takes_the_material_from_small():
     settings = Settings(preset="instantmesh")
     assert settings.weights("georm").name == "instantmesh.georm.safetensors"
-    for network in ("glossyrm", "instant_albedo"):
+    for network in ("finish", "instant_albedo"):
         assert settings.weights(network) == Settings(preset="small").weights(network)
 
 

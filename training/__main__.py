@@ -41,6 +41,7 @@ STAGES = {
     "material-prior": ("training.stages.material_prior", "InstantAlbedo's encoder, on materials that are known"),
     "delighting": ("training.stages.delighting", "InstantAlbedo's sense of light, at points of GeoRM's shapes"),
     "instant-albedo": ("training.stages.instant_albedo", "InstantAlbedo: albedo and lighting-baked colour"),
+    "finish": ("training.stages.finish", "roughness and metallic, off the evidence of the views"),
     "cutout": ("training.stages.cutout", "what of a photograph is the object"),
     "joint-cutout": ("training.stages.joint_cutout", "what of photographs whose cameras are known is the object"),
     "georm-volume": ("training.stages.georm_volume", "the paper's GeoRM, by rendering its density: its first stage"),

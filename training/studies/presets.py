@@ -17,6 +17,7 @@ from ..documents import fill_block, markdown_table
 TITLES = {
     "georm": "GeoRM",
     "glossyrm": "GlossyRM",
+    "finish": "Finish",
     "instant_albedo": "InstantAlbedo",
     "ray_occupancy": "RayOccupancy",
 }
