@@ -23,7 +23,7 @@ COMMANDS = {
     "ablations": ("training.studies.ablations", "fit networks with a part left out, and compare them"),
     "sweep": ("training.studies.sweep", "error against run time, each knob in turn"),
     "quality-levels": ("training.studies.quality_levels", "hand the sweep's levels on to Blender's panel"),
-    "stability": ("training.studies.stability", "measure the pipeline's parts on extreme inputs"),
+    "stability": ("training.studies.extremes.stability", "measure the pipeline's parts on extreme inputs"),
     "left-out": ("training.studies.left_out", "show which work the pipeline skips where a scene does not need it"),
     "shading": ("training.studies.shading_blender", "compare the direct light of our BRDF with Cycles'"),
     "presets": ("training.studies.presets", "count the parameters of every preset"),

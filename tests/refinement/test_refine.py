@@ -14,7 +14,7 @@ from arm_blender.refinement.refine import SWEPT, refine
 from arm_blender.refinement.untangling import folded
 from arm_blender.refinement.vertex_graph import VertexGraph
 from arm_blender.structures import TriangleMesh, ViewSet
-from training.studies.pebble import (
+from training.studies.extremes.pebble import (
     ball,
     dent,
     distance,

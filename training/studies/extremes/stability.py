@@ -25,7 +25,7 @@ from arm_blender.structures import TriangleMesh
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 from arm_blender.views import load_views
 
-from ..documents import Row, markdown_table, paragraphs, write_text
+from ...documents import Row, markdown_table, paragraphs, write_text
 from . import precision
 from .ball import RADIUS, ball, open_edges
 from .hard_views import conflicting_views, strange_views

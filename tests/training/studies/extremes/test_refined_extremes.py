@@ -7,8 +7,8 @@ import torch
 
 from arm_blender.graphics.meshes import face_areas
 from arm_blender.structures import TriangleMesh
-from training.studies import refined_extremes
-from training.studies.pebble import CAMERAS, ball, pictures, radius, wrong_radius
+from training.studies.extremes import refined_extremes
+from training.studies.extremes.pebble import CAMERAS, ball, pictures, radius, wrong_radius
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from arm_blender.refinement.untangling import folded
 from arm_blender.refinement.vertex_graph import Bending, VertexGraph
 from arm_blender.structures import TriangleMesh, ViewSet
 
-from ..documents import Row
+from ...documents import Row
 from .pebble import (
     CAMERAS,
     SIDE,
