@@ -1,4 +1,4 @@
-"""The command line: python -m arm_blender generate | batch | relight | weights | doctor.
+"""The command line: python -m arm_blender generate | batch | finish | relight | weights | doctor.
 
 Exit status: 0 done, 1 an item failed, 2 bad usage, 130 interrupted. An error is one line on stderr.
 """
@@ -10,13 +10,14 @@ import sys
 import traceback
 from typing import NoReturn
 
-from .commands import UsageError, batch, doctor, generate, interrupts, relight, weights
+from .commands import UsageError, batch, doctor, finish, generate, interrupts, relight, weights
 from .errors import ArmError
+from .machine.run_folder import keep_temporary_files_together
 from .version import VERSION
 
 INTERRUPTED = 130
 
-_COMMANDS = (generate, batch, relight, weights, doctor)
+_COMMANDS = (generate, batch, finish, relight, weights, doctor)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -72,6 +73,12 @@ def parser() -> argparse.ArgumentParser:
     return top
 
 
-if __name__ == "__main__":
+def program() -> int:
+    """`main` of a process that does nothing else."""
     interrupts.watch(interrupts.watched())
-    sys.exit(main())
+    keep_temporary_files_together()
+    return main()
+
+
+if __name__ == "__main__":
+    sys.exit(program())

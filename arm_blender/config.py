@@ -13,13 +13,13 @@ from .models.atlas_network import AtlasNetworkConfig
 from .models.paper import reconstruction
 from .models.paper.instant_albedo import PAPER as PAPER_ALBEDO
 from .models.paper.reconstruction import ReconstructionConfig
+from .models.small.finish import FinishConfig
 from .models.small.instant_albedo import SMALL as SMALL_ALBEDO
-from .models.small.mixed_glossyrm import MixedGlossyRMConfig
 from .models.small.ray_occupancy import RayOccupancyConfig
 from .models.small.volume_georm import VolumeGeoRMConfig
 from .weight_files import checkpoints
 
-_NETWORKS = ("georm", "glossyrm", "instant_albedo", "ray_occupancy")
+_NETWORKS = ("georm", "glossyrm", "finish", "instant_albedo", "ray_occupancy")
 """The fields of `Preset` that configure a network."""
 
 FEW_VIEWS = 2
@@ -32,12 +32,15 @@ class Preset:
     """The configs of the networks that belong together."""
 
     georm: ReconstructionConfig | VolumeGeoRMConfig
-    glossyrm: ReconstructionConfig | MixedGlossyRMConfig
+    glossyrm: ReconstructionConfig | None
+    """None leaves roughness and metallic to `finish`."""
     instant_albedo: AtlasNetworkConfig
     ray_occupancy: RayOccupancyConfig | None = None
     """Makes the shape in GeoRM's place where there are too few views to compare; None leaves it to GeoRM."""
+    finish: FinishConfig | None = None
+    """Reads roughness and metallic off the views in GlossyRM's place."""
     material: PresetName | None = None
-    """Preset whose weights of GlossyRM and InstantAlbedo are taken; None for its own."""
+    """Preset whose weights of the finish and InstantAlbedo are taken; None for its own."""
     grid: int | None = None
     """Samples of the density along a side of the box, whatever the quality; None follows the quality level."""
     fairing: FairingConfig = FairingConfig()
@@ -48,6 +51,11 @@ class Preset:
         """Names of its networks."""
         return tuple(name for name in _NETWORKS if getattr(self, name) is not None)
 
+    @property
+    def gloss_network(self) -> Literal["glossyrm", "finish"]:
+        """The name of the network that says roughness and metallic."""
+        return "glossyrm" if self.finish is None else "finish"
+
     def shape_network(self, views: int) -> Literal["georm", "ray_occupancy"]:
         """The name of the network that makes the shape from so many views."""
         return "georm" if self.ray_occupancy is None or views > FEW_VIEWS else "ray_occupancy"
@@ -56,9 +64,10 @@ class Preset:
 PRESETS: dict[str, Preset] = {
     "small": Preset(
         VolumeGeoRMConfig(),
-        MixedGlossyRMConfig(),
+        None,
         SMALL_ALBEDO,
         RayOccupancyConfig(),
+        FinishConfig(),
         # Its volume has cells of 0.04, whose steps show, and its surface lies inside of the outlines by a little.
         fairing=FairingConfig(wavelength=0.14, swell=0.006),
     ),
@@ -66,8 +75,9 @@ PRESETS: dict[str, Preset] = {
     # InstantMesh has no networks of the material, and those of `small` need to know nothing of the shape's.
     "instantmesh": Preset(
         reconstruction.INSTANTMESH,
-        MixedGlossyRMConfig(),
+        None,
         SMALL_ALBEDO,
+        finish=FinishConfig(),
         material="small",
     ),
 }

@@ -22,8 +22,8 @@ from .models.paper.glossyrm import GlossyRM
 from .models.paper.instant_albedo import PaperInstantAlbedo
 from .models.paper.reconstruction import ReconstructionConfig
 from .models.random_weights import random_state
+from .models.small.finish import Finish, FinishConfig
 from .models.small.instant_albedo import InstantAlbedo, InstantAlbedoConfig
-from .models.small.mixed_glossyrm import MixedGlossyRM, MixedGlossyRMConfig
 from .models.small.ray_occupancy import RayOccupancy, RayOccupancyConfig
 from .models.small.volume_georm import VolumeGeoRM, VolumeGeoRMConfig
 from .report import Report
@@ -32,7 +32,8 @@ from .weight_files.unallocated import unallocated
 
 NETWORKS: dict[str, dict[type, Callable[[Any], nn.Module]]] = {
     "georm": {VolumeGeoRMConfig: VolumeGeoRM, ReconstructionConfig: GeoRM},
-    "glossyrm": {MixedGlossyRMConfig: MixedGlossyRM, ReconstructionConfig: GlossyRM},
+    "glossyrm": {ReconstructionConfig: GlossyRM},
+    "finish": {FinishConfig: Finish},
     "instant_albedo": {InstantAlbedoConfig: InstantAlbedo, AtlasNetworkConfig: PaperInstantAlbedo},
     "ray_occupancy": {RayOccupancyConfig: RayOccupancy},
 }
@@ -49,8 +50,9 @@ _kept: dict[tuple[str, Path, int, str], nn.Module] = {}
 
 def needed(settings: Settings, views: int, given_shape: bool = False) -> tuple[str, ...]:
     """Names of the networks that a run from so many views is going to need; a given shape needs none to be made."""
-    shape = () if given_shape else (PRESETS[settings.preset].shape_network(views),)
-    return (*shape, "glossyrm", "instant_albedo")
+    preset = PRESETS[settings.preset]
+    shape = () if given_shape else (preset.shape_network(views),)
+    return (*shape, preset.gloss_network, "instant_albedo")
 
 
 def check_weights(settings: Settings, report: Report, names: Iterable[str]) -> None:

@@ -1,7 +1,6 @@
 """From posed views to a relightable asset: the whole story, one call a stage (ARM, figure 2)."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from typing import Any, Literal
 
@@ -14,10 +13,12 @@ from .graphics.surface.fairing import fair
 from .graphics.surface.isosurface import extract
 from .graphics.surface.sample_grid import Density, IsosurfaceConfig
 from .machine.memory import lower_if_short
-from .machine.threads import cpu_threads
+from .machine.threads import seeded_threads
 from .models import random_weights
+from .models.atlas_cells import surface_cells
 from .models.encoded import Encoded
 from .models.network_views import network_views
+from .models.small.finish import seen_points
 from .progress import SHARES, Progress, part, silent
 from .refinement.refined import refined
 from .report import Report
@@ -27,12 +28,14 @@ from .uv.backproject import backproject, texture_size_for
 from .uv.blend import blend
 from .uv.decimate import clean, decimate
 from .uv.exposure import even
+from .uv.finish import chosen_finishes
 from .uv.given.winding import facing_out
 from .uv.normal_map import detail
 from .uv.off_colors import off_colors
+from .uv.regions import regions_of
 from .uv.texels import texel_map
 from .uv.unwrap import UnwrapConfig, unwrap
-from .views.doubts import misfit
+from .views.doubts import hardly_seen, misfit
 from .views.scene_frame import normalise
 
 GLOSSY_TEXELS = 512
@@ -40,9 +43,6 @@ GLOSSY_TEXELS = 512
 
 CONSTANT_TOLERANCE = 0.02
 """A roughness or metallic map that stays this close to one value becomes the value; the eye sees no difference."""
-
-ALL_AROUND, SEEN = 4, 0.5
-"""So many views see half of a surface and more, if they agree where it is."""
 
 POINTS_AT_ONCE = {"cpu": 2**14, "cuda": 2**18, "mps": 2**17}
 """Points in one call of a field: what the caches of a core, or the memory of a GPU, hold."""
@@ -74,7 +74,7 @@ def generate(
     report = report or Report(settings.preset, settings.device, settings.seed)
     # What is missing is said before the work.
     networks.check_weights(settings, report, networks.needed(settings, len(views.chosen().cameras), given))
-    with _running(settings), torch.inference_mode():
+    with seeded_threads(settings.threads, settings.seed), torch.inference_mode():
         with lower_if_short("the views", "give fewer or smaller ones"):
             chosen = views.chosen()
             if len(chosen.cameras) < len(views.cameras):
@@ -190,7 +190,10 @@ def atlas(mesh: TriangleMesh | UvMesh, settings: Settings, report: Report, progr
 
 
 def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report, progress: Progress) -> MaterialMaps:
-    """Albedo and baked colour by InstantAlbedo, roughness and metallic by GlossyRM (ARM, sections 5.1 to 5.3)."""
+    """Albedo and baked colour by InstantAlbedo, roughness and metallic by GlossyRM (ARM, sections 5.1 to 5.3).
+
+    Where a preset has no GlossyRM, both are read off what the views show.
+    """
     size = texture_size_for(mesh, views, settings.resolved.texture_size)
     if size < settings.resolved.texture_size:
         report.leave_out(f"texels beyond {size} a side", "the views have no more pixels to fill them")
@@ -203,9 +206,8 @@ def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report,
     colors, weight = blend(seen, views.weights)
     known = (weight > 0.0) & texels.mask
     report.seen_share = float(known.sum() / texels.mask.sum().clamp(min=1))
-    if len(views.cameras) >= ALL_AROUND and report.seen_share < SEEN and settings.random_weights is None:
-        share = f"{report.seen_share:.0%} of the surface"
-        report.doubt(f"{len(views.cameras)} views see {share}; check whether their masks and cameras fit together")
+    if settings.random_weights is None:
+        report.doubt(*hardly_seen(report.seen_share, len(views.cameras)))
     report.doubt(*off_colors(seen, colors, views.called))
     if report.seen_share == 1.0:
         report.leave_out("in-painting", "every texel was seen")
@@ -213,8 +215,11 @@ def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report,
     base = maps.diffuse_fill(colors, known, texels)
     albedo, baked = paint(views, texels, seen, base, settings, report, part(progress, 0.3, 0.6))
     del seen, base, colors, weight
-    roughness, metallic = gloss(mesh, views, texels, settings, report, part(progress, 0.6, 1.0))
-    return MaterialMaps(maps.pad(albedo, texels.mask), maps.pad(baked, texels.mask), roughness, metallic)
+    said = finish if PRESETS[settings.preset].gloss_network == "finish" else gloss
+    roughness, metallic = said(mesh, views, texels, settings, report, part(progress, 0.6, 1.0))
+    material = MaterialMaps(maps.pad(albedo, texels.mask), maps.pad(baked, texels.mask), roughness, metallic)
+    material = replace(material, regions=regions_of(mesh, material, texels.mask))
+    return chosen_finishes(material, settings.finish, report)
 
 
 def paint(
@@ -236,6 +241,25 @@ def paint(
     finite = all(bool(image.isfinite()[:, texels.mask].all()) for image in found)
     _require_numbers(finite, "instant_albedo", views, settings)
     return found
+
+
+def finish(
+    mesh: UvMesh, views: ViewSet, texels: TexelMap, settings: Settings, report: Report, progress: Progress
+) -> tuple[torch.Tensor | float, ...]:
+    """Roughness and metallic by the evidence of the views: (1, n, n), or a value where the map is one."""
+    progress(0.0, "Finish: loading")
+    network: Any = networks.load("finish", settings)
+    reading = partial(progress, 0.2, "Finish: reading the views")
+    reading()
+    surface = surface_cells(texels, min(len(texels.mask), network.config.resolution))
+    points = seen_points(mesh, views, surface, network.config, reading)
+    covered = surface[0] > 0.0
+    if points is None:
+        report.leave_out("roughness and metallic", "no view sees the surface: they are the usual ones")
+    with networks.running(network, settings, report, reading):
+        glossy = network.maps(surface, points)
+    _require_numbers(bool(glossy[:, covered].isfinite().all()), "finish", views, settings)
+    return _gloss_maps(glossy, covered, report)
 
 
 def gloss(
@@ -272,15 +296,3 @@ def _require_numbers(finite: bool, network: str, views: ViewSet, settings: Setti
     if not finite:
         where = settings.weights(network)
         raise CheckpointError(f"{where}: overflows on {views.name}; use the weights as published, or train them again")
-
-
-@contextmanager
-def _running(settings: Settings) -> Iterator[None]:
-    """The run's number of threads and its seed; the caller's own come back afterwards."""
-    random = torch.get_rng_state()
-    with cpu_threads(settings.threads):
-        torch.manual_seed(settings.seed)
-        try:
-            yield
-        finally:
-            torch.set_rng_state(random)

@@ -52,6 +52,10 @@ class Report:
         refinement: rounds in which the shape was moved to meet its pictures, seconds, how far its outlines lay from
             theirs before and after, pixels, how much each view was trusted, and whether the object was taken for
             symmetric; None where there was none.
+        regions: parts of one finish: number, share of the surface, colour, what roughness and metallic are predicted in
+            the mean, and the finish where one was set.
+        values: maps that are one value as predicted, by name.
+        view_light: linear Rec.709, the light in the views' colours (`structures.Regions`); None without regions.
         left_out: what was not done, and why.
     """
 
@@ -72,6 +76,9 @@ class Report:
     doubts: list[str] = field(default_factory=list)
     photographs: dict[str, Any] = field(default_factory=dict)
     refinement: dict[str, Any] | None = None
+    regions: list[dict[str, Any]] = field(default_factory=list)
+    values: dict[str, float] = field(default_factory=dict)
+    view_light: list[float] | None = None
     left_out: list[LeftOut] = field(default_factory=list)
 
     @contextmanager
@@ -130,6 +137,9 @@ class Report:
             "doubts": self.all_doubts,
             "photographs": self.photographs,
             "refinement": self.refinement,
+            "regions": self.regions,
+            "values": self.values,
+            "view_light": self.view_light,
             "left_out": [{"what": note.what, "why": note.why} for note in self.left_out],
         }
 

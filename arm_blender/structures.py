@@ -1,13 +1,15 @@
 """What the stages of the pipeline hand to each other: frozen, with every shape, unit and space stated."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from .graphics.borders import Rectangle
 from .graphics.cameras import Camera, directions_to
+from .knobs.finishes import Finish
 
 
 @dataclass(frozen=True)
@@ -181,7 +183,7 @@ class TexelViews:
 
     def only(self, views: Tensor) -> "TexelViews":
         """What some of the views say: (V,) bool, or indices of views."""
-        return TexelViews(*(getattr(self, field.name)[views] for field in fields(self)))
+        return TexelViews(*(getattr(self, entry.name)[views] for entry in fields(self)))
 
 
 VALUE_SIDE = 4
@@ -189,10 +191,46 @@ VALUE_SIDE = 4
 
 
 @dataclass(frozen=True)
+class Regions:
+    """The parts of an object that have one finish each, and the finishes that a user has set.
+
+    Attributes:
+        index: (T, T) uint8, 1 to N, the region of every texel, padded beyond the charts as the maps are; row 0 is
+            v = 1. Regions are numbered by their area, the largest first.
+        area: N shares of the surface, in (0, 1].
+        swatch: N mean albedos, linear Rec.709.
+        light: linear Rec.709 > 0: the light of the views, the baked colour over the albedo in the mean of the surface.
+        finishes: those that were set, by the number of the region; the others are as predicted.
+    """
+
+    index: Tensor
+    area: tuple[float, ...]
+    swatch: tuple[tuple[float, float, float], ...]
+    light: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    finishes: Mapping[int, Finish] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.index.ndim != 2 or self.index.dtype != torch.uint8 or len(self.area) != len(self.swatch):
+            raise ValueError(f"index (T, T) uint8, got {tuple(self.index.shape)}, {self.index.dtype}")
+        if not all(1 <= number <= self.count for number in self.finishes):
+            raise ValueError(f"{self.count} regions, finishes of {sorted(self.finishes)}")
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return len(self.area)
+
+    def to(self, device: torch.device | str) -> "Regions":
+        """The same on another device."""
+        return replace(self, index=self.index.to(device))
+
+
+@dataclass(frozen=True)
 class MaterialMaps:
     """Maps of one atlas; row 0 is v = 1. Gaps between charts are padded with the nearest covered texel.
 
-    Albedo and baked colour have T texels a side; roughness and metallic may have fewer, or be one value.
+    Albedo and baked colour have T texels a side; roughness and metallic may have fewer, or be one value. All are as
+    predicted; what a user has set by hand stands in `regions`, and `uv.finish.finished` makes the maps that show it.
 
     Attributes:
         albedo: (3, T, T) linear Rec.709 in [0, 1]; the base colour, not multiplied by (1 - metallic).
@@ -200,6 +238,7 @@ class MaterialMaps:
         roughness: (1, T, T) in [0, 1], perceptual (alpha = roughness**2), or the one value of all texels.
         metallic: (1, T, T) in [0, 1], or the one value.
         normal: (3, T, T) unit vectors in tangent space (`uv.normal_map`); None where the mesh's own will do.
+        regions: parts of one finish; None where the maps were not cut into any.
     """
 
     albedo: Tensor
@@ -207,6 +246,15 @@ class MaterialMaps:
     roughness: Tensor | float
     metallic: Tensor | float
     normal: Tensor | None = None
+    regions: Regions | None = None
+
+    def to(self, device: torch.device | str) -> "MaterialMaps":
+        """The same on another device."""
+
+        def moved(entry: Any) -> Any:
+            return entry.to(device) if isinstance(entry, Tensor | Regions) else entry
+
+        return MaterialMaps(*(moved(getattr(self, entry.name)) for entry in fields(self)))
 
     def image(self, name: str, side: int = VALUE_SIDE) -> Tensor:
         """(C, T, T) of the map of that name; one that is a value is spread out over `side` texels a side."""
@@ -230,9 +278,7 @@ class RelightableAsset:
 
     def to(self, device: torch.device | str) -> "RelightableAsset":
         """The same on another device."""
-        maps = (getattr(self.maps, field.name) for field in fields(self.maps))
-        moved = (entry.to(device) if isinstance(entry, Tensor) else entry for entry in maps)
-        return RelightableAsset(self.name, self.mesh.to(device), MaterialMaps(*moved))
+        return RelightableAsset(self.name, self.mesh.to(device), self.maps.to(device))
 
 
 def stack_cameras(cameras: Sequence[Camera]) -> tuple[Tensor, Tensor]:

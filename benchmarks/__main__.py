@@ -1,4 +1,4 @@
-"""All benchmarks in one run: `python -m benchmarks` writes docs/benchmarks.md, its plot, and the summary in docs/results.md."""
+"""All benchmarks in one run: `python -m benchmarks` writes docs/benchmarks.md, its plot, and a summary in docs/results.md."""
 
 import argparse
 import sys
@@ -32,7 +32,8 @@ def main() -> int:
     plot(sections[bench_isosurface].curves, sections[bench_unwrap].curves, ROOT / "docs/images/benchmarks.png")
     write_text(ROOT / "docs/benchmarks.md", paragraphs("# Benchmarks", made, picture, *texts))
     highlights = [line for section in sections.values() for line in section.highlights]
-    fill_block(ROOT / "docs/results.md", "benchmarks", paragraphs(markdown_table(["what", "measured"], highlights), made))
+    summary = paragraphs(markdown_table(["what", "measured"], highlights), made)
+    fill_block(ROOT / "docs/results.md", "benchmarks", summary)
     return 0
 
 

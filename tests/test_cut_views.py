@@ -10,10 +10,16 @@ from PIL import Image
 from arm_blender import pipeline
 from arm_blender.config import Settings
 from arm_blender.structures import ViewSet
-from arm_blender.views import load_views
+from arm_blender.uv.unwrap import UnwrapConfig, unwrap
+from arm_blender.views import ViewOptions, load_views
+from arm_blender.views.doubts import doubts
+from arm_blender.views.image_io import write_png
+from arm_blender.views.mesh_fit import fit_to_views, outline_fit
+from arm_blender.views.rigs import front_camera, zero123plus_rig
 from arm_blender.views.scene_frame import normalise
 from arm_blender.views.transforms_json import write_transforms
 
+from .colored_box import BODY, KNOB, box_mesh, cameras, picture, pictures, side_errors, write_views
 from .models.balls import ball_views
 
 QUICK = Settings(quality="draft", grid=48)
@@ -90,3 +96,66 @@ def test_where_pictures_cropped_around_an_object_frame_nothing_nothing_is():
     )
     mesh = pipeline.shape(replace(views, images=images, cameras=cameras), QUICK)
     assert float(mesh.vertices.norm(dim=1).max()) < RADIUS + 0.1
+
+
+def six_of_the_rig(folder, fovy_deg: float) -> ViewSet:
+    """The box by the rig's cameras, so near that every picture cuts it."""
+    folder.mkdir()
+    for index, image in enumerate(pictures(zero123plus_rig(4.0, fovy_deg, 128))):
+        write_png(folder / f"{index}.png", image, srgb=True)
+    return load_views(folder, ViewOptions(fovy_deg=fovy_deg))
+
+
+def one_picture(folder) -> ViewSet:
+    """The box from its front, without its lower part."""
+    image = picture(front_camera(100.0, 128))
+    rows = torch.nonzero((image[3] > 0.5).any(dim=1))[:, 0]
+    write_png(folder / "one.png", image[:, : int(rows[0]) + 6 * len(rows) // 10], srgb=True)
+    return load_views(folder / "one.png")
+
+
+def posed(folder) -> ViewSet:
+    """Two of six pictures cut the box, on opposite sides of it."""
+    far, near = cameras(), cameras(fovy_deg=15.5)
+    return load_views(write_views(folder / "posed", views=tuple((near if i in (1, 4) else far)[i] for i in range(6))))
+
+
+WAYS = {
+    "posed": (posed, {"+x", "-x", "+y", "-y", "+z", "-z"}),
+    "six": (lambda folder: six_of_the_rig(folder / "six", 21.0), {"+x", "-x", "+y", "-y", "+z"}),
+    "one": (one_picture, {"-y"}),
+}
+"""Ways in, and the sides of the box that their pictures show well."""
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_shape_of_pictures_that_cut_the_object_has_its_colours_and_outlines(tmp_path, way):
+    make, shown = WAYS[way]
+    views = make(tmp_path)
+    shape = pipeline.decimate(pipeline.shape(views, QUICK), 4000)
+    mesh = unwrap(shape, UnwrapConfig(256, time_limit=0.0))[0]
+    errors, _ = side_errors(mesh, views)
+    assert max(errors[side] for side in shown) < 0.01
+    assert outline_fit(mesh, views) > 0.95
+    said = [why for why in doubts(views) if "the border cuts the object" in why]
+    if way == "posed":  # The other four show where it ends.
+        ends = torch.tensor([BODY[0], (*BODY[1][:2], KNOB[1][2])])
+        assert (torch.stack([mesh.vertices.amin(dim=0), mesh.vertices.amax(dim=0)]) - ends).abs().max() < 0.15
+        assert said == []
+    else:
+        assert said, "nobody knows where it ends"
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_given_mesh_has_its_colours_from_pictures_that_cut_the_object(tmp_path, way):
+    make, shown = WAYS[way]
+    views = make(tmp_path)
+    mesh = unwrap(box_mesh(), UnwrapConfig(256, time_limit=0.0))[0]
+    if way != "posed":  # Without cameras nothing says how large it is, and where.
+        moved = mesh.moved(lambda points: 3.0 * points - 5.0)
+        mesh = moved.moved(fit_to_views(moved, views).restore)
+    errors, seen = side_errors(mesh, views)
+    assert max(errors[side] for side in shown) < 0.02
+    assert outline_fit(mesh, views) > 0.96
+    if way == "one":
+        assert seen < 0.25, "what is below the picture is not taken for seen"

@@ -1,6 +1,5 @@
 """The documents: every link leads somewhere, every command line is understood, every quoted message is in the code."""
 
-import argparse
 import ast
 import contextlib
 import io
@@ -149,6 +148,18 @@ def test_a_wrong_command_line_is_noticed():
     assert refusal("arm_blender", ["generate", "x"])
     with pytest.raises(AssertionError):
         assert "no-such-anchor" in anchors(ROOT / "README.md")
+
+
+def test_the_code_of_the_python_page_runs(tmp_path, monkeypatch):
+    (code,) = re.findall(
+        r"^```python\n(.*?)^```", (ROOT / "docs" / "python-api.md").read_text(), re.DOTALL | re.MULTILINE
+    )
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    monkeypatch.chdir(tmp_path)
+    told: dict[str, object] = {}
+    exec(compile(code, "python-api.md", "exec"), told)
+    assert (tmp_path / "out" / "barrel" / "barrel.glb") in [path.resolve() for path in told["files"]]
+    assert (tmp_path / "out" / "barrel" / "report.json").is_file()
 
 
 @cache

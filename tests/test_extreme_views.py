@@ -13,8 +13,8 @@ from arm_blender.config import Settings
 from arm_blender.errors import CheckpointError, InputImageError
 from arm_blender.graphics import silhouette_fill
 from arm_blender.graphics.cameras import orbit_camera
+from arm_blender.models.small.finish import Finish
 from arm_blender.models.small.instant_albedo import InstantAlbedo
-from arm_blender.models.small.mixed_glossyrm import MixedGlossyRM
 from arm_blender.models.small.ray_occupancy import RayOccupancy
 from arm_blender.models.small.volume_georm import VolumeGeoRM
 from arm_blender.structures import TriangleMesh, ViewSet
@@ -67,15 +67,17 @@ def test_a_view_that_shows_nothing_is_named():
         pipeline.generate(replace(views, images=images), QUICK)
 
 
-@pytest.mark.parametrize("network", ["georm", "ray_occupancy", "glossyrm", "instant_albedo"])
+@pytest.mark.parametrize("network", ["georm", "ray_occupancy", "finish", "instant_albedo"])
 def test_weights_that_overflow_are_named(network, monkeypatch):
     def overflowing(encode):
-        part = {"georm": "volume", "ray_occupancy": "logits", "glossyrm": "planes"}[network]
+        part = {"georm": "volume", "ray_occupancy": "logits"}[network]
         return lambda self, views: replace(encode(self, views), **{part: torch.full((1, 3, 1, 2, 2), torch.inf)})
 
-    kind = {"georm": VolumeGeoRM, "glossyrm": MixedGlossyRM, "ray_occupancy": RayOccupancy}.get(network)
+    kind = {"georm": VolumeGeoRM, "ray_occupancy": RayOccupancy}.get(network)
     if kind:
         monkeypatch.setattr(kind, "encode", overflowing(kind.encode))
+    elif network == "finish":
+        monkeypatch.setattr(Finish, "maps", lambda self, surface, points: surface[:2] * torch.nan)
     else:
         monkeypatch.setattr(InstantAlbedo, "forward", lambda self, images, texels, seen, base: (base * torch.nan, base))
     mesh = None

@@ -11,6 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 MODULES = sorted([*(ROOT / "arm_blender").rglob("*.py"), *(ROOT / "training").rglob("*.py")])
+BLENDERS = {"bpy", "bpy_extras", "bmesh", "mathutils"}
 RUNTIME = {"torch", "numpy", "xatlas", "trimesh", "fast_simplification", "safetensors", "OpenImageIO", "PIL"}
 FLOORS: list[set[str]] = [  # Of arm_blender: a room knows itself and those on lower floors, not its neighbours.
     {"errors", "version", "progress"},
@@ -35,7 +36,7 @@ FLOORS: list[set[str]] = [  # Of arm_blender: a room knows itself and those on l
     {"run"},
     {"blender.compat", "blender.console", "blender.job", "blender.layout"},
     {"blender.asset", "blender.setup"},
-    {"blender.input", "blender.relight"},
+    {"blender.input", "blender.materials", "blender.relight"},
     {"blender.generate"},
     {"commands"},
     {"__main__"},
@@ -174,14 +175,14 @@ def test_only_blender_code_imports_bpy(module):
     renders = relative.parts[0] == "training" and module.stem.endswith("_blender")
     at_home = relative.is_relative_to("arm_blender/blender") or renders
     for imported, _ in imports(module):
-        assert at_home or imported.split(".")[0] not in {"bpy", "bmesh", "mathutils"}, f"{relative}: {imported}"
+        assert at_home or imported.split(".")[0] not in BLENDERS, f"{relative}: {imported}"
 
 
 def test_the_extension_needs_only_its_runtime_dependencies(module):
     name = module_name(module)
     for imported, at_import in imports(module):
         top = imported.split(".")[0]
-        known = top in RUNTIME | {"arm_blender", "bpy", "bmesh", "mathutils"} or top in sys.stdlib_module_names
+        known = top in RUNTIME | BLENDERS | {"arm_blender"} or top in sys.stdlib_module_names
         if name.startswith("arm_blender"):
             assert known or (top in OPTIONAL and not at_import), f"{name} imports {imported}"
 

@@ -115,11 +115,12 @@ def test_weights_that_are_trained_anew_are_read_anew(files):
 
 def test_the_config_that_a_file_carries_decides_the_class(files):
     for name in TINY.networks:
-        classes = {type(networks.build(name, getattr(preset, name))) for preset in (PRESETS["small"], PRESETS["paper"])}
+        configs = [getattr(PRESETS[preset], name) for preset in ("small", "paper")]
+        classes = {type(networks.build(name, config)) for config in configs if config is not None}
         assert classes == set(networks.NETWORKS[name].values())
         assert type(networks.read(name, Settings(preset="paper").weights(name))) in classes
-    checkpoints.save(files / "mixed.safetensors", {}, PRESETS["small"].glossyrm, "glossyrm")
-    with pytest.raises(CheckpointError, match="holds the model 'glossyrm'.* but VolumeGeoRMConfig or Reconstruction"):
+    checkpoints.save(files / "mixed.safetensors", {}, PRESETS["small"].finish, "finish")
+    with pytest.raises(CheckpointError, match="holds the model 'finish'.* but VolumeGeoRMConfig or Reconstruction"):
         networks.read("georm", files / "mixed.safetensors")
 
 
@@ -173,7 +174,7 @@ def test_the_papers_grid_holds_at_every_quality_and_the_users_before_it():
     assert Settings(quality="draft").resolved.grid == QUALITIES["draft"].grid
 
 
-@pytest.mark.parametrize("name", list(networks.NETWORKS))
+@pytest.mark.parametrize("name", [name for name in Settings().networks if name != "finish"])  # It takes no time.
 def test_small_networks_stay_in_single_precision_unless_asked(name):
     module = networks.load(name, Settings())
     report = Report("small", "cpu", 0)
@@ -257,7 +258,7 @@ def test_each_stage_has_its_own_remedy(views, monkeypatch, place, remedy):
         pipeline.generate(views, TINY)
 
 
-@pytest.mark.parametrize("name", list(networks.NETWORKS))
+@pytest.mark.parametrize("name", [name for name in Settings().networks if name != "finish"])  # It takes no time.
 def test_a_stop_is_heard_between_the_blocks_of_a_network(name):
     """So that nobody waits for a whole pass."""
     module = networks.load(name, Settings())
@@ -269,15 +270,15 @@ def test_a_stop_is_heard_between_the_blocks_of_a_network(name):
 
 def test_the_report_names_the_licences_of_what_a_run_needs(monkeypatch, tmp_path):
     header = {"name": "instantmesh.georm", "licence": "CC-BY-NC-4.0"}
-    own = checkpoints.read_header(Settings().weights("glossyrm"))
+    own = checkpoints.read_header(Settings().weights("finish"))
     path = tmp_path / "instantmesh.georm.safetensors"
     monkeypatch.setattr(
-        checkpoints, "read_header", lambda asked: header if asked == path else own | {"name": "mine.glossyrm"}
+        checkpoints, "read_header", lambda asked: header if asked == path else own | {"name": "mine.finish"}
     )
     monkeypatch.setattr(Settings, "weights", lambda _, name: path if name == "georm" else Path(name))
     for given, expected in (
-        (False, {**{header["name"]: header["licence"]}, "mine.glossyrm": "your own"}),
-        (True, {"mine.glossyrm": "your own"}),
+        (False, {**{header["name"]: header["licence"]}, "mine.finish": "your own"}),
+        (True, {"mine.finish": "your own"}),
     ):
         report = Report("instantmesh", "cpu", 0)
         networks.check_weights(Settings(), report, networks.needed(Settings(), 6, given))
@@ -285,14 +286,14 @@ def test_the_report_names_the_licences_of_what_a_run_needs(monkeypatch, tmp_path
 
 
 def test_a_run_needs_the_networks_of_its_number_of_views_and_no_others():
-    material = {"glossyrm", "instant_albedo"}
+    material = {"finish", "instant_albedo"}
     for count in range(1, 17):
         shape = "ray_occupancy" if count <= FEW_VIEWS else "georm"
         assert set(networks.needed(Settings(), count)) == material | {shape}
-        assert set(networks.needed(Settings(preset="paper"), count)) == material | {"georm"}
+        assert set(networks.needed(Settings(preset="paper"), count)) == {"georm", "glossyrm", "instant_albedo"}
         assert set(networks.needed(Settings(preset="instantmesh"), count)) == material | {"georm"}
         assert set(networks.needed(Settings(), count, given_shape=True)) == material
-    assert set(networks.NETWORKS) == set(Settings().networks)
+    assert set(networks.NETWORKS) == {*Settings().networks, *Settings(preset="paper").networks}
 
 
 def test_networks_are_built_without_memory_and_without_the_compiler():

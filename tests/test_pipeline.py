@@ -7,10 +7,11 @@ import pytest
 import torch
 import trimesh
 
-from arm_blender import networks, pipeline
+from arm_blender import pipeline
 from arm_blender.config import Settings
 from arm_blender.errors import ArmError, Cancelled, CheckpointError, EmptyMeshError
 from arm_blender.graphics.cameras import project
+from arm_blender.knobs.finishes import PRESETS
 from arm_blender.models.image_encoder import ImageEncoderConfig
 from arm_blender.models.paper.georm import GeoRM
 from arm_blender.models.paper.reconstruction import ReconstructionConfig
@@ -72,6 +73,23 @@ def test_the_report_says_what_was_made(result):
     assert 0.5 < report["seen_share"] <= 1.0
 
 
+def test_the_barrel_is_one_blue_region_and_little_else(result):
+    regions, listed = result[0].maps.regions, result[1].as_dict()["regions"]
+    assert regions.index.shape == result[0].maps.albedo.shape[1:] and len(listed) == regions.count
+    assert regions.area[0] > 0.6 and sum(regions.area) == pytest.approx(1.0)
+    red, green, blue = regions.swatch[0]
+    assert blue > 2.0 * red and blue > green
+    assert all(one["finish"] is None for one in listed)
+
+
+def test_a_finish_is_set_beside_what_is_predicted(result, views):
+    asset, report = pipeline.generate(views, replace(QUICK, finish="1=chrome,8=gold"))
+    assert torch.equal(asset.maps.albedo, result[0].maps.albedo)
+    assert asset.maps.regions.finishes == {1: PRESETS["chrome"]}
+    assert report.regions[0]["finish"] == "chrome"
+    assert any("there is no region 8" in doubt for doubt in report.doubts)
+
+
 def test_the_same_seed_gives_the_same_asset(result, views):
     again, _ = pipeline.generate(views, QUICK)
     assert torch.equal(again.mesh.vertices, result[0].mesh.vertices)
@@ -118,11 +136,11 @@ def test_one_view_is_enough(views):
     assert inside > 0.8 and 0.9 < span < 1.1
     assert report.seen_share < 0.7
     assert "GeoRM" in {note.what for note in report.left_out}
-    assert set(report.weights) == {"small.ray_occupancy", "small.glossyrm", "small.instant_albedo"}
+    assert set(report.weights) == {"small.ray_occupancy", "small.finish", "small.instant_albedo"}
 
 
 def test_where_views_can_be_compared_they_are(result):
-    assert set(result[1].weights) == {"small.georm", "small.glossyrm", "small.instant_albedo"}
+    assert set(result[1].weights) == {"small.georm", "small.finish", "small.instant_albedo"}
 
 
 def cylinder_mesh(x: float = 0.0) -> TriangleMesh:
@@ -154,11 +172,11 @@ def test_a_mesh_that_no_view_sees_is_said(views):
 
 
 @pytest.mark.parametrize(
-    "missing, count", [("georm", 6), ("glossyrm", 6), ("instant_albedo", 6), ("ray_occupancy", 1), ("glossyrm", 1)]
+    "missing, count", [("georm", 6), ("finish", 6), ("instant_albedo", 6), ("ray_occupancy", 1), ("finish", 1)]
 )
 def test_missing_weights_are_known_before_the_work(views, tmp_path, monkeypatch, missing, count):
     real = Settings.weights
-    there = {name: real(QUICK, name) for name in networks.NETWORKS} | {missing: tmp_path / "gone.safetensors"}
+    there = {name: real(QUICK, name) for name in QUICK.networks} | {missing: tmp_path / "gone.safetensors"}
     monkeypatch.setattr(Settings, "weights", lambda _, name: there[name])
     report = Report("small", "cpu", 0)
     with pytest.raises(CheckpointError, match="gone.safetensors"):
@@ -176,7 +194,7 @@ def test_a_density_without_a_surface_names_the_views(views, monkeypatch):
 
 
 STOPS = ("GeoRM: reading the views", "Filling silhouettes", "Packing charts")
-STOPS += ("back-projecting the views", "filling unseen texels", "GlossyRM: decoding texels")
+STOPS += ("back-projecting the views", "filling unseen texels", "Finish: reading the views")
 
 
 @pytest.mark.parametrize("stage", STOPS)
@@ -199,7 +217,7 @@ def test_cancelling_stops_at_the_next_report_of_progress(views, stage):
         "Packing charts": ["shape", "unwrap"],
         "back-projecting the views": ["shape", "unwrap", "appearance"],
         "filling unseen texels": ["shape", "unwrap", "appearance"],
-        "GlossyRM": ["shape", "unwrap", "appearance"],
+        "Finish": ["shape", "unwrap", "appearance"],
     }
     assert list(report.seconds) == expected[stage.partition(":")[0]]
 
@@ -262,7 +280,7 @@ def test_a_network_in_instantmeshs_frame_puts_its_front_where_blenders_is(views,
 def test_instantmesh_takes_the_material_from_small():
     settings = Settings(preset="instantmesh")
     assert settings.weights("georm").name == "instantmesh.georm.safetensors"
-    for network in ("glossyrm", "instant_albedo"):
+    for network in ("finish", "instant_albedo"):
         assert settings.weights(network) == Settings(preset="small").weights(network)
 
 

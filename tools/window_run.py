@@ -17,13 +17,20 @@ import window_table
 from build_extension import ROOT
 from window_root import Failed, blender_version, inside, make
 
-SCENARIOS = ("pictures", "run", "cancel", "load", "quit", "disable", "engines", "photographs")
+SCENARIOS = ("pictures", "run", "cancel", "load", "quit", "disable", "engines", "photographs", "doubtful", "materials")
 LIMIT = 1200.0
 """Seconds of one scenario; *cancel* begins a run for each of its stages, *photographs* solves cameras."""
 BUTTON = [759, 390]
 """Generate, in pixels from the lower left of a window of 1100 x 1200 with the views of the example listed."""
 SIDEBAR = "258x1000+624+86"
-"""What is cut out of the pictures."""
+VIEWPORT = "882x1000+0+86"
+"""What is cut out of the pictures: the sidebar, and it with its 3D view."""
+PICTURES = {
+    "panel": (("idle", "running", "failed", "done"), SIDEBAR, ("-trim",)),
+    "panel-doubtful": (("doubtful",), SIDEBAR, ("-trim",)),
+    "materials": (("materials-regions", "materials-predicted", "materials-chrome"), VIEWPORT, ("-resize", "50%")),
+}
+"""In docs/images: of what each is made, side by side, and how."""
 
 
 def main() -> int:
@@ -32,7 +39,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "ui", help="pictures, logs and numbers")
     parser.add_argument("--only", nargs="+", choices=SCENARIOS, default=SCENARIOS, help="others as found last")
     parser.add_argument(
-        "--write", action="store_true", help="docs/user-interface.md and docs/images/panel.png, of what is there"
+        "--write", action="store_true", help="docs/user-interface.md and its pictures, of what is there"
     )
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
@@ -86,13 +93,16 @@ def scenario(name: str, root: Path, out: Path) -> None:
 
 
 def compose(root: Path, out: Path) -> None:
-    """docs/images/panel.png: the sidebar idle, running, failed and done, side by side."""
-    names = [f"/mnt/out/{name}.png" for name in ("idle", "running", "failed", "done")]
-    command = ["convert", *names, "-crop", SIDEBAR, "+repage", "+append", "-trim", "/mnt/out/panel.png"]
-    done = inside(root, out, command, 60.0)
-    if done.returncode != 0:
-        raise Failed(f"ImageMagick: {done.stdout.strip()}")
-    shutil.copy(out / "panel.png", ROOT / "docs" / "images" / "panel.png")
+    """The `PICTURES` of which all parts are there."""
+    for made, (names, cut, then) in PICTURES.items():
+        if not all((out / f"{name}.png").is_file() for name in names):
+            continue  # Found last by others, as the rest of the page.
+        paths = [f"/mnt/out/{name}.png" for name in names]
+        command = ["convert", *paths, "-crop", cut, "+repage", "+append", *then, f"/mnt/out/{made}.png"]
+        done = inside(root, out, command, 60.0)
+        if done.returncode != 0:
+            raise Failed(f"ImageMagick: {done.stdout.strip()}")
+        shutil.copy(out / f"{made}.png", ROOT / "docs" / "images" / f"{made}.png")
 
 
 def machine() -> str:

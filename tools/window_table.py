@@ -51,8 +51,9 @@ def document(found: dict[str, dict], machine: str) -> str:
 
 `make test-ui` writes this page. It starts a real Blender with a window, clicks *Generate* for `examples/barrel` in
 draft quality with the mouse, presses Esc at every stage, undoes, opens a file, quits and disables the extension while a
-run is going on; and it goes from photographs to an asset: choose them, *Solve Cameras*, *Edit Mask*, *Generate*. It
-needs a Debian with root rights, and fills a folder of its own (`.cache/blender-window`) with that Blender.
+run is going on; it goes from photographs to an asset: choose them, *Solve Cameras*, *Edit Mask*, *Generate*; and it
+makes a region of a result chrome. It needs a Debian with root rights, and fills a folder of its own
+(`.cache/blender-window`) with that Blender.
 
 {machine}.
 
@@ -69,6 +70,20 @@ A stop is heard at the next report of the thread. So long a stage of an undistur
 {longest}
 
 ![The panel idle, running, failed and done](images/panel.png)
+
+A result that may be wrong says so, and why: here one of the views has a wrong camera.
+
+![The panel of a doubtful result](images/panel-doubtful.png)
+{_pictures(found)}"""
+
+
+def _pictures(found: dict[str, dict]) -> str:
+    if "materials" not in found:
+        return ""
+    return """
+*Materials*: the regions of a result by *Show*, as predicted, and the one that a click picked as chrome.
+
+![Regions, as predicted, one of them chrome](images/materials.png)
 """
 
 
@@ -151,6 +166,22 @@ def _photographs(found: dict) -> list[Check]:
     ]
 
 
+def _doubtful(found: dict) -> list[Check]:
+    said = "; ".join(found["doubts"]) or "nothing said"
+    return [Check("a result of which one view has a wrong camera", said, "doubtful", "002.png" in said)]
+
+
+def _materials(found: dict) -> list[Check]:
+    said = f"region {found['picked']} of {found['regions']}"
+    picked = found["panel"] and found["picked"] == found["expected"] and found["left by Esc"]
+    made = found["set"] == {str(found["picked"]): 1.0}
+    undone = f"{len(found['set'])} set, {found['left after undo']} left"
+    return [
+        Check("*Pick on Object*: a click, after one that Esc left", said, f"region {found['expected']}", picked),
+        Check("*Chrome* and one undo", undone, "1 set, 0 left", made and found["left after undo"] == 0),
+    ]
+
+
 _MAKERS = {
     "run": _run,
     "cancel": _cancel,
@@ -159,4 +190,6 @@ _MAKERS = {
     "disable": _disable,
     "engines": _engines,
     "photographs": _photographs,
+    "doubtful": _doubtful,
+    "materials": _materials,
 }

@@ -1,6 +1,7 @@
 """Everything that touches Blender's data or window.
 
 `asset/` turns assets into objects and files, `relight/` into pictures, whether or not the extension is registered.
+`materials/` lets the artist set the finish of their regions.
 `input/` reads what the panel, the scene's cameras and the selected mesh say, `generate/` runs the pipeline on it and
 brings the answer into the scene, `setup/` holds the preferences and puts them into effect. Blender may be called from
 its main thread only; `job`, `generate.generation` and `input.looking`, which know nothing of bpy, run elsewhere.
@@ -55,6 +56,10 @@ def _modules() -> tuple[ModuleType, ...]:
     from .generate import panel as panels
     from .input import choose_operator
     from .input import operators as input_operators
+    from .materials import operators as material_operators
+    from .materials import panel as material_panel
+    from .materials import pick_operator, swatches
+    from .materials import properties as material_properties
     from .relight import operators as relight_operators
     from .relight import panel as relight_panel
     from .relight import properties as relight_properties
@@ -65,5 +70,6 @@ def _modules() -> tuple[ModuleType, ...]:
     photographs = (choose_operator, solve_cameras_operator, mask_operators, matting_operator, photograph_rows)
     runs = (operators, input_operators, draw_views_operator, *photographs)
     making = (properties, view_switch, *setup, *runs, recall, panels)
+    finishing = (material_properties, swatches, material_operators, pick_operator, material_panel)
     relighting = (relight_properties, relight_operators, export_operator, relight_panel)
-    return (*making, *relighting, cli)
+    return (*making, *finishing, *relighting, cli)

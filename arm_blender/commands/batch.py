@@ -167,17 +167,26 @@ def _item(row: Any, folder: Path, where: str) -> Item:
         options["mesh"] = folder / options["mesh"]
     views = folder / row["views"]
     try:
+        os.fsencode(views)
         name = str(row.get("name") or (views.resolve().name if views.is_dir() else views.stem))
     except (OSError, ValueError, RuntimeError) as error:  # Too long, a character no name has, links in a circle.
         raise InputImageError(f"{where}: views is {row['views'][:40]!r}, no path; correct it") from error
-    if not name or Path(name).name != name or name.startswith(".") or "\0" in name:
+    try:
+        short = _short(name)
+    except UnicodeEncodeError:  # Half a character, which JSON can spell.
+        short = ""
+    if not short or Path(name).name != name or name.startswith(".") or "\0" in name:
         raise InputImageError(f"{where}: name is {name[:40]!r}; give a plain file name")
-    return Item(views, _short(name), options)
+    return Item(views, short, options)
 
 
 def _short(name: str) -> str:
-    """`name` where files can have it, a number behind included, else its beginning: the others get their turn."""
-    return os.fsencode(name)[: generate.LONGEST_NAME - 10].decode("utf-8", "ignore")
+    """`name` where files can have it, a number behind included, else its beginning: the others get their turn.
+
+    Bytes of a file's name that are no UTF-8 become "_".
+    """
+    plain = "".join("_" if "\udc80" <= letter <= "\udcff" else letter for letter in name)
+    return plain.encode()[: generate.LONGEST_NAME - 10].decode("utf-8", "ignore")
 
 
 def _lines(items: list[Item], args: argparse.Namespace) -> Generator[dict[str, Any], None, None]:

@@ -2,17 +2,20 @@
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from ..errors import ArmError, OutputError
-from ..machine.files import check_output, staging
+from ..machine.files import check_output, staging, write_json
 from ..progress import Progress, silent
 from ..report import FILE_NAME, Report
 from ..structures import RelightableAsset
+from ..uv.finish import finished
 from .gltf import write_glb
 from .obj import write_obj
-from .textures import FOLDER, write_textures
+from .regions_picture import write_regions_picture
+from .textures import FOLDER, PREDICTED, REGIONS, SET_BY_HAND, write_regions, write_textures
 from .usd import write_usd, write_usdz
 
 
@@ -57,7 +60,8 @@ def written_names(name: str, formats: Sequence[str]) -> list[str]:
     """The files of an asset called `name`, relative to its folder: all that `write_asset` and Blender may write."""
     suffixes = [".blend", *(FORMATS[chosen].suffix for chosen in formats), *([".mtl"] if "obj" in formats else [])]
     textures = [f"{FOLDER}/{kind}.png" for kind in ("albedo", "roughness", "metallic", "baked", "normal")]
-    return [*(f"{name}{suffix}" for suffix in suffixes), *textures, "preview.png", FILE_NAME]
+    textures += [f"{FOLDER}/{REGIONS}", *(f"{FOLDER}/{PREDICTED}/{kind}.png" for kind in SET_BY_HAND)]
+    return [*(f"{name}{suffix}" for suffix in suffixes), *textures, REGIONS, "preview.png", FILE_NAME]
 
 
 def write_asset(
@@ -71,7 +75,7 @@ def write_asset(
     """Writes an asset as a whole: while anything is missing, `directory` has no report.json, or still the older asset.
 
     Args:
-        asset: what to write.
+        asset: what to write; its maps as predicted, with the finishes that were set in `maps.regions`.
         report: is written last.
         directory: is made where it is missing; files of the same names are replaced, others stay.
         progress: is told each file.
@@ -94,6 +98,25 @@ def write_asset(
         return _move_into(directory, stage)
 
 
+def rewrite_asset(
+    asset: RelightableAsset,
+    report: dict[str, Any],
+    directory: Path,
+    formats: Sequence[str],
+    progress: Progress = silent,
+    further: Callable[[Path], None] | None = None,
+) -> list[Path]:
+    """As `write_asset`, of an asset that was written before, with what its report says now."""
+    check_output(directory)
+    with staging(directory) as stage:
+        _write_formats(asset, stage, formats, progress)
+        if further is not None:
+            further(stage)
+        progress(1.0, "writing report.json")
+        write_json(stage / FILE_NAME, report)
+        return _move_into(directory, stage)
+
+
 def write_files(asset: RelightableAsset, directory: Path, formats: Sequence[str]) -> list[Path]:
     """Writes an asset in `formats` with its textures, and no report: all of the files or none.
 
@@ -113,7 +136,10 @@ def is_whole(directory: Path) -> bool:
 
 def _write_formats(asset: RelightableAsset, stage: Path, formats: Sequence[str], progress: Progress) -> None:
     progress(0.0, "writing textures")
+    predicted, asset = asset, replace(asset, maps=finished(asset.maps))
     write_textures(asset.maps, stage / FOLDER)
+    write_regions(predicted.maps, stage / FOLDER)
+    write_regions_picture(asset, stage / REGIONS)
     for name in formats:
         path = stage / f"{asset.name}{FORMATS[name].suffix}"
         progress(0.5, f"writing {path.name}")
@@ -134,7 +160,14 @@ def _move_into(directory: Path, stage: Path) -> list[Path]:
         if target.parent.exists() and not target.parent.is_dir():
             raise OutputError(f"{target.parent}: is a file where a folder has to be; move it away or change --output")
     (directory / FILE_NAME).unlink(missing_ok=True)
-    for path in files:
+    for path in files[:-1]:
         (directory / path).parent.mkdir(exist_ok=True)
         os.replace(stage / path, directory / path)
+    older = directory / FOLDER / PREDICTED
+    if older.is_dir() and not (stage / FOLDER / PREDICTED).exists():  # Of finishes that are not set any more.
+        for name in SET_BY_HAND:
+            (older / f"{name}.png").unlink(missing_ok=True)
+        if not any(older.iterdir()):
+            older.rmdir()
+    os.replace(stage / files[-1], directory / files[-1])
     return [directory / path for path in files]

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from .declaring import Rule, Shown, check, knob, knobs_of, one_of, values_of, within
+from .finishes import EXAMPLE, PRESETS, are_finishes
 
 __all__ = ["DrawingKnobs", "Knobs", "ViewKnobs", "check", "knobs_of", "values_of"]
 
@@ -131,6 +132,18 @@ class Knobs:
     """Of whatever is drawn at random."""
     random_weights: int | None = knob(None, "for tests: of this seed; the result is noise", _SEED)
     """A seed of random weights for all networks, instead of those in files."""
+    finish: str | None = knob(
+        None,
+        f"of regions, by number: {EXAMPLE}",
+        Rule(are_finishes, f"give regions with a finish or roughness/metallic, as {EXAMPLE}; {', '.join(PRESETS)}"),
+        listed=True,
+        shown=Shown(
+            "Finishes",
+            f"What regions are made of, by their numbers, as in {EXAMPLE}; the panel Materials sets them afterwards",
+            none="",
+        ),
+    )
+    """Sets what the parts of one finish are made of, over what is predicted; regions.png shows their numbers."""
     normal_map: bool = knob(
         False,
         "keep the detail that decimation takes",

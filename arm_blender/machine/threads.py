@@ -1,4 +1,4 @@
-"""How many threads of the CPU torch takes."""
+"""How many threads of the CPU torch takes, and where its random numbers begin."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,3 +16,15 @@ def cpu_threads(count: int | None) -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
+
+
+@contextmanager
+def seeded_threads(count: int | None, seed: int) -> Iterator[None]:
+    """As `cpu_threads`, with torch's random numbers of a seed; the caller's own come back."""
+    random = torch.get_rng_state()
+    with cpu_threads(count):
+        torch.manual_seed(seed)
+        try:
+            yield
+        finally:
+            torch.set_rng_state(random)

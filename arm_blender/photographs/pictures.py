@@ -10,7 +10,7 @@ from PIL import Image, UnidentifiedImageError
 
 from ..machine.picture_files import pictures_in
 from ..views.mask_files import mask_beside
-from ..views.pillow_io import open_picture
+from ..views.pillow_io import exif_orientation, open_picture
 
 NOT_TAKEN = (".exr", ".hdr")
 """Pictures that no camera takes."""
@@ -18,7 +18,7 @@ NOT_TAKEN = (".exr", ".hdr")
 FULL_FRAME_DIAGONAL = math.hypot(36.0, 24.0)
 """Millimetres: what an equivalent focal length refers to (CIPA DCG-001)."""
 
-_EXIF, _ORIENTATION = 0x8769, 0x0112
+_EXIF = 0x8769
 _FOCAL, _FOCAL_35 = 0x920A, 0xA405
 _PLANE_X, _PLANE_UNIT, _PIXELS_X = 0xA20E, 0xA210, 0xA002
 _MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
@@ -61,7 +61,7 @@ def looked_at(path: Path) -> Photograph:
     with open_picture(path) as picture:
         width, height = picture.size
         focal = _focal(picture)
-        if picture.getexif().get(_ORIENTATION, 1) in (5, 6, 7, 8):
+        if exif_orientation(picture) >= 5:
             width, height = height, width
     return Photograph(path, width, height, focal)
 

@@ -45,8 +45,10 @@ USUAL = 1.0
 SWEPT = 16_000
 """Vertices at which colours are compared at most, evenly over the mesh; means over neighbours bridge the others."""
 
-ENOUGH = 0.8
-"""Of the outlines' error before, what may be left: where less is gained, the pictures contradict each other."""
+ENOUGH, ENOUGH_OF_PHOTOGRAPHS = 0.8, 0.9
+"""Of the outlines' error before, what may be left: where less is gained, the pictures contradict each other.
+Photographs were solved by what they have in common, so that none is another's; but their masks are guessed, and much of
+their error is the masks' own, which no shape takes away."""
 
 SETTLED = 0.5
 """How far a vertex slides along the surface towards the middle of its neighbours after a round."""
@@ -100,7 +102,8 @@ def refine(
         if number == rounds - 1:
             vertices = uncrossed(first, vertices, graph, faces)
         seen = _look(vertices, faces, graph, pictures, views.images.device, tick(number + 1))
-    better = seen.error(seen.trust) < ENOUGH * start.error(seen.trust)
+    enough = ENOUGH_OF_PHOTOGRAPHS if views.varying_exposure else ENOUGH
+    better = seen.error(seen.trust) < enough * start.error(seen.trust)
     if not better:
         vertices = first
     pixel = float(torch.tensor([view.doubled for view in pictures]).mean())

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from ..graphics.cameras import Camera, project
 from ..graphics.raster.rasterize import rasterize
+from ..graphics.windows import highest_around, lowest_around
 from ..structures import TriangleMesh, UvMesh
 
 
@@ -38,8 +38,8 @@ class DepthBuffer:
         radius = math.ceil(margin * sized.height / camera.height - 1e-3)
         depth = rasterize(mesh.vertices, mesh.faces, sized).depth
         # Against the background it is the picture's alpha that tells the outline.
-        deepest = _widest(torch.where(torch.isinf(depth), -torch.inf, depth), radius)
-        return cls(sized, radius, depth, -_widest(-depth, radius), deepest)
+        deepest = highest_around(torch.where(torch.isinf(depth), -torch.inf, depth), radius)
+        return cls(sized, radius, depth, lowest_around(depth, radius), deepest)
 
 
 def unoccluded(
@@ -86,11 +86,4 @@ def _slope(points: Tensor, normals: Tensor, camera: Camera, min_cosine: float) -
 
 def opaque_pixels(alpha: Tensor, threshold: float, radius: int) -> Tensor:
     """(H, W) bool: pixels of at least `threshold` alpha without a lesser one within `radius` pixels."""
-    return _widest((alpha < threshold).to(alpha.dtype), radius) < 0.5
-
-
-def _widest(image: Tensor, radius: int) -> Tensor:
-    """(H, W) maximum over the square of `radius` pixels around; beyond the border there is nothing."""
-    # Two passes of one dimension: a square maximum costs the radius, not its square.
-    rows = functional.max_pool2d(image[None, None], (2 * radius + 1, 1), stride=1, padding=(radius, 0))
-    return functional.max_pool2d(rows, (1, 2 * radius + 1), stride=1, padding=(0, radius))[0, 0]
+    return highest_around((alpha < threshold).to(alpha.dtype), radius) < 0.5

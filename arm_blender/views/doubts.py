@@ -16,6 +16,9 @@ _CUT_SHARE = 0.5
 _LEAST_FIT = 0.75
 """Intersection over union of a shape's outlines with the masks; of the objects of the evaluation it is 0.93."""
 
+_ALL_AROUND, _SEEN = 4, 0.5
+"""So many views see half of a surface and more, if they agree where it is."""
+
 _RIVAL_SHARE = 0.4
 """Of the largest part's pixels, how many the second one has to have in every view to be a body of its own."""
 
@@ -40,6 +43,12 @@ def doubts(views: ViewSet) -> Iterator[str]:
     why = disagreement(chosen, names)
     if why is not None:
         yield why
+
+
+def hardly_seen(share: float, count: int) -> Iterator[str]:
+    """As `doubts`, where `count` views see but a small share of the surface that was made of them."""
+    if count >= _ALL_AROUND and share < _SEEN:
+        yield f"{count} views see {share:.0%} of the surface; check whether their masks and cameras fit together"
 
 
 def misfit(mesh: UvMesh, views: ViewSet) -> Iterator[str]:

@@ -18,7 +18,7 @@ from ..graphics.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 from ..machine.files import whole_file
 from ..machine.picture_files import HEIF_SUFFIXES
 from ..machine.quiet import STDERR, silenced
-from .pillow_io import decoded, is_pillows, open_picture, srgb_from_profile, transformed
+from .pillow_io import decoded, exif_orientation, is_pillows, open_picture, srgb_from_profile, transformed
 
 logger = logging.getLogger(__name__)
 
@@ -27,8 +27,6 @@ MAXIMUM_SIDE = 8192
 
 _MOST_CHANNELS = 64
 """Of a file, in all of its layers: of each pixel all are decoded."""
-
-_EXIF_ORIENTATION = 274
 
 BAND = 64
 """Rows that are decoded at once, and a little more where tiles are higher."""
@@ -88,7 +86,7 @@ def read_orientation(path: Path) -> tuple[int, int, int]:
     if is_pillows(path):
         with open_picture(path) as picture:
             width, height = picture.size
-            turned = path.suffix.lower() not in HEIF_SUFFIXES and picture.getexif().get(_EXIF_ORIENTATION, 1) >= 5
+            turned = path.suffix.lower() not in HEIF_SUFFIXES and exif_orientation(picture) >= 5
             return (height, width, 1) if turned else (width, height, 1)  # Its reader turns it.
     with _quiet_decoders():
         source = _opened(path)
@@ -146,6 +144,8 @@ def _opened(path: Path) -> oiio.ImageInput:
         source.spec().channelnames  # noqa: B018
     except UnicodeDecodeError as error:
         raise InputImageError(f"{path}: the name of a channel is no text; export it again") from error
+    if min(source.spec().width, source.spec().height) < 1:  # The numbers of a Radiance file have a sign.
+        raise InputImageError(f"{path}: a picture without pixels; export it again")
     return source
 
 
@@ -167,7 +167,7 @@ def _orientation(source: oiio.ImageInput, spec: oiio.ImageSpec, path: Path) -> i
         found = spec.get_int_attribute("Orientation", 1)
     else:
         with open_picture(path) as picture:
-            found = picture.getexif().get(_EXIF_ORIENTATION, 1)
+            found = exif_orientation(picture)
     return found if found in range(1, 9) else 1
 
 

@@ -2,7 +2,8 @@
 
 import torch
 from torch import Tensor
-from torch.nn.functional import max_pool2d
+
+from ..graphics.windows import lowest_around
 
 _MINIMUM_SHARE = 2e-4
 """Of all pixels, how many must be foreground: three pixels of a view of 128 x 128, not a speck of dust."""
@@ -45,10 +46,10 @@ def doubt(alpha: Tensor) -> str | None:
     A doubtful mask may be right all the same, such as that of a close-up.
     """
     mask = alpha > 0.5
-    torn = ((alpha > 0.15) & (alpha < 0.85)).float()[None, None]
+    torn = ((alpha > 0.15) & (alpha < 0.85)).float()
     reach = max(1, round(_EDGE * max(alpha.shape)))
     # A soft edge is narrow, and gone once what is torn is taken back from both sides.
-    torn = 1.0 - max_pool2d(1.0 - torn, 2 * reach + 1, 1, reach)
+    torn = lowest_around(torn, reach)
     if float(torn.sum()) > _TORN_SHARE * int(mask.sum()):
         return "how far the object reaches is not certain"
     border = torch.cat([mask[0], mask[-1], mask[:, 0], mask[:, -1]])

@@ -1,9 +1,11 @@
 """Where a user's mesh has to be for the pictures to show it, and which way up."""
 
+from collections.abc import Sequence
+
 import torch
 
 from ..errors import EmptyMeshError
-from ..graphics.borders import scaled
+from ..graphics.borders import cut_sides, scaled
 from ..graphics.cameras import Camera, project
 from ..graphics.raster.rasterize import rasterize
 from ..structures import TriangleMesh, UvMesh, ViewSet
@@ -11,6 +13,9 @@ from .scene_frame import SceneFrame
 
 _ROUNDS = 8
 """Each leaves what perspective adds to the outline; the error falls by an order of magnitude a round."""
+
+_LEAP = 0.7
+"""Logarithm of how much larger or smaller a mesh may become in a round."""
 
 _FIT_SIDE = 192
 """Pixels of the longer side of the outlines that are compared."""
@@ -23,6 +28,7 @@ def fit_to_views(mesh: TriangleMesh | UvMesh, views: ViewSet) -> SceneFrame:
     """The frame whose `restore` brings `mesh` to where its outline fills the masks' bounding boxes; never turned.
 
     Pictures without cameras come with assumed ones, which say where the object is but not how large the user's is.
+    A side of a box at which the picture's border cuts the object says nothing of where the object ends.
 
     Args:
         mesh: of the same object, upright and with its front at -Y, at any place and of any size.
@@ -36,33 +42,71 @@ def fit_to_views(mesh: TriangleMesh | UvMesh, views: ViewSet) -> SceneFrame:
     if not extent > 0.0:
         raise EmptyMeshError(f"{views.name}: the given mesh is one point; give a mesh with faces")
     points = (points - middle) * (2.0 / extent)  # The assumed cameras look at the origin, and at that size.
+    boxes, ways = _shown_boxes(views)
+    frames = [_frame_of(points, views.cameras, boxes, ends) for ends in ways]
+    frames = [
+        SceneFrame(frame.center - middle * frame.scale * 2.0 / extent, frame.scale * 2.0 / extent) for frame in frames
+    ]
+    return (
+        max(frames, key=lambda frame: outline_fit(mesh.moved(frame.restore), views)) if len(frames) > 1 else frames[0]
+    )
+
+
+def _frame_of(points: torch.Tensor, cameras: Sequence[Camera], boxes: torch.Tensor, ends: torch.Tensor) -> SceneFrame:
+    """Where points (P, 3) reach the ends of boxes (V, 2, 2) that count: those of which `ends` (V, 2, 2) is true."""
     scale, shift = 1.0, torch.zeros(3)
-    corners = torch.tensor([0.0, 1.0])[:, None, None]
-    boxes = [_box((torch.nonzero(image[3] > 0.5).flip(1) + corners).flatten(0, 1)) for image in views.images]
     for _ in range(_ROUNDS):
-        ratios, rows, offsets = [], [], []
-        for camera, (target, side) in zip(views.cameras, boxes, strict=True):
-            center, size = _box(project(points * scale + shift, camera)[0])
-            ratios.append(side / max(size, 1e-6))
-            rows.append(camera.c2w[:3, :2].T)
-            offsets.append(_in_plane(target - center, shift, camera))
+        rows, misses = [], []
+        for camera, target, told in zip(cameras, boxes, ends, strict=True):
+            box = _box(project(points * scale + shift, camera)[0])
+            rows.append(_pixels_of_motion(box, shift, camera)[told])
+            misses.append((target - box)[told])
         # A single picture says nothing of the depth: the least motion that fits leaves it as it is.
-        shift = shift + torch.linalg.pinv(torch.cat(rows)) @ torch.cat(offsets)
-        scale *= float(torch.tensor(ratios).log().mean().exp())
-    total = scale * 2.0 / extent
-    return SceneFrame(shift - middle * total, total)
+        motion = torch.linalg.pinv(torch.cat(rows)) @ torch.cat(misses)
+        shift = shift + motion[:3]
+        scale *= float(motion[3].clamp(-_LEAP, _LEAP).exp())
+    return SceneFrame(shift, scale)
 
 
-def _box(pixels: torch.Tensor) -> tuple[torch.Tensor, float]:
-    """Centre (2,) and longer side of the bounding box of (P, 2) pixel coordinates."""
-    low, high = pixels.amin(dim=0), pixels.amax(dim=0)
-    return (low + high) / 2.0, float((high - low).max())
+def _pixels_of_motion(box: torch.Tensor, place: torch.Tensor, camera: Camera) -> torch.Tensor:
+    """(2, 2, 4) by how many pixels the ends of a box, as of `_box`, move when the object moves or grows.
+
+    Args:
+        place: (3,) the point of the object that stays when it grows.
+    Returns:
+        For a world unit along x, y and z, and for the logarithm of its scale.
+    """
+    center, depth = project(place, camera)
+    focal = torch.stack([camera.K[0, 0], camera.K[1, 1]])
+    across = torch.stack([camera.c2w[:3, 0], -camera.c2w[:3, 1]]) * (focal / depth)[:, None]
+    return torch.cat([across.expand(2, 2, 3), (box - center)[..., None]], dim=-1)
 
 
-def _in_plane(pixels: torch.Tensor, point: torch.Tensor, camera: Camera) -> torch.Tensor:
-    """(2,) world units to the right and up of the camera that are `pixels` (2,) at the depth of `point` (3,)."""
-    depth = float(project(point, camera)[1])
-    return torch.stack([pixels[0] * depth / camera.K[0, 0], -pixels[1] * depth / camera.K[1, 1]])
+def _shown_boxes(views: ViewSet) -> tuple[torch.Tensor, list[torch.Tensor]]:
+    """The bounding boxes (V, 2, 2) of the masks, as of `_box`; and ways to tell which of their ends count, (V, 2, 2).
+
+    Where nothing is cut all do. Else: those that the border does not cut; those of pictures that show all of the
+    object, for what is beyond one border may be its highest point; all, if there is nothing better.
+    """
+    corners = torch.tensor([0.0, 1.0])[:, None, None]
+    boxes, ends = [], []
+    for image, known in zip(views.images, views.rectangles, strict=True):
+        boxes.append(_box((torch.nonzero(image[3] > 0.5).flip(1) + corners).flatten(0, 1)))
+        ends.append(~torch.tensor(cut_sides(image[3], known)).view(2, 2))
+    uncut = torch.stack(ends)
+    if bool(uncut.all()):
+        return torch.stack(boxes), [uncut]
+    ways = [torch.ones_like(uncut)]
+    if bool(uncut.all(dim=1).any()):  # Else nothing says how large it is.
+        ways.insert(0, uncut)
+    if bool((whole := uncut.flatten(1).all(dim=1)).any()):
+        ways.insert(0, whole[:, None, None].expand_as(uncut))
+    return torch.stack(boxes), ways
+
+
+def _box(pixels: torch.Tensor) -> torch.Tensor:
+    """(2, 2) lowest and highest column and row of (P, 2) pixel coordinates."""
+    return torch.stack([pixels.amin(dim=0), pixels.amax(dim=0)])
 
 
 def up_axis(mesh: TriangleMesh | UvMesh, views: ViewSet) -> tuple[str, dict[str, float]]:

@@ -6,7 +6,9 @@ background. Of a picture that is see-through all over neither is true, so its al
 
 import torch
 from torch import Tensor
-from torch.nn.functional import avg_pool2d, max_pool2d
+from torch.nn.functional import avg_pool2d
+
+from ..graphics.windows import highest_around, lowest_around
 
 _FAINT = 0.05
 """Alpha below which nothing is there: what compression leaves beside an object."""
@@ -56,10 +58,8 @@ def _solid(alpha: Tensor) -> Tensor:
     if int(thin.sum()) <= _THIN_SHARE * int(inside.sum()):
         return scaled
     # See-through beside what is opaque: alpha counts beside that of its neighbours.
-    smooth = avg_pool2d(scaled[None, None], 3, 1, 1, count_include_pad=False)
-    window = 2 * _EDGE + 1
-    highest = max_pool2d(smooth, window, 1, _EDGE)[0, 0]
-    lowest = -max_pool2d(-smooth, window, 1, _EDGE)[0, 0]
+    smooth = avg_pool2d(scaled[None, None], 3, 1, 1, count_include_pad=False)[0, 0]
+    highest, lowest = highest_around(smooth, _EDGE), lowest_around(smooth, _EDGE)
     risen = torch.where(lowest >= _FLAT * highest, 1.0, (scaled / highest.clamp(min=0.5)).clamp(max=1.0))
     return torch.where(inside, torch.maximum(risen, scaled), scaled)
 
@@ -77,5 +77,4 @@ def _level(alpha: Tensor) -> float:
 
 def _eroded(mask: Tensor) -> Tensor:
     """`mask` (H, W) bool without what is within `_EDGE` pixels of its outline."""
-    beside = max_pool2d((~mask).float()[None, None], 2 * _EDGE + 1, 1, _EDGE)[0, 0]
-    return mask & (beside < 0.5)
+    return mask & (highest_around((~mask).float(), _EDGE) < 0.5)

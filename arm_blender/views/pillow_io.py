@@ -2,6 +2,7 @@
 
 import io
 import logging
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,8 @@ from ..machine.libraries import is_there
 from ..machine.picture_files import HEIF_SUFFIXES
 
 logger = logging.getLogger(__name__)
+
+_EXIF_ORIENTATION = 274
 
 _SAME = 2
 """Levels of 255 by which a profile may move colours and is still taken for sRGB."""
@@ -45,6 +48,16 @@ def is_pillows(path: Path) -> bool:
         start = file.read(21)
     # In the extended form of WebP the second bit of its flags stands for an animation.
     return start[:4] == b"RIFF" and start[8:16] == b"WEBPVP8X" and bool(start[20:21] and start[20] & 2)
+
+
+def exif_orientation(picture: Image.Image) -> int:
+    """The EXIF orientation of an open picture, 1 to 8; 1, as it is stored, where none can be read."""
+    try:
+        found = picture.getexif().get(_EXIF_ORIENTATION, 1)
+    except (OSError, ValueError, TypeError, SyntaxError, EOFError, struct.error) as error:
+        logger.debug("EXIF: %s", error)
+        return 1
+    return int(found) if found in range(1, 9) else 1
 
 
 def decoded(picture: Image.Image, path: Path) -> NDArray[np.uint8]:

@@ -70,7 +70,7 @@ def _dino(encoder: str, network: str, patch: int) -> Weights:
 
 REGISTRY = (
     Weights("small.georm", "geometry from views on a CPU", "GPL-3.0-or-later", _SHIPPED),
-    Weights("small.glossyrm", "roughness and metallic on a CPU", "GPL-3.0-or-later", _SHIPPED),
+    Weights("small.finish", "roughness and metallic on a CPU", "GPL-3.0-or-later", _SHIPPED),
     Weights("small.instant_albedo", "albedo without the lighting on a CPU", "GPL-3.0-or-later", _SHIPPED),
     Weights("small.ray_occupancy", "geometry from one view or two on a CPU", "GPL-3.0-or-later", _SHIPPED),
     Weights("small.cutout", "cutting the object out of a photograph, on a CPU", "GPL-3.0-or-later", _SHIPPED),

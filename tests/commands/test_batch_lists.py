@@ -1,11 +1,14 @@
 """Many items: what a list may be, and what an item may say for itself."""
 
 import json
+import os
+import sys
 
 import pytest
 import trimesh
 
 from arm_blender.commands import batch
+from arm_blender.errors import InputImageError
 from arm_blender.export import is_whole
 
 from ..pictures import a_picture
@@ -113,3 +116,20 @@ def test_help_names_every_option_of_an_item(capsys):
     assert run("batch", "--help") == 0
     said = capsys.readouterr().out
     assert all(column in said for column in batch._COLUMNS)
+
+
+@pytest.mark.parametrize("row", ["\ud800", {"views": "cup.png", "name": "\ud800"}, {"views": "cup.png", "name": "\0"}])
+def test_half_a_character_is_no_name(tmp_path, row):
+    a_picture(tmp_path / "cup.png")
+    (tmp_path / "list.json").write_text(json.dumps(["cup.png", row]))
+    with pytest.raises(InputImageError, match="item 2") as caught:
+        batch.read_items(tmp_path / "list.json", tmp_path / "out")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names are Unicode elsewhere")
+def test_a_name_that_is_no_utf_8_still_gets_a_folder_of_its_own(tmp_path):
+    (tmp_path / "items").mkdir()
+    for name in (b"\xff.png", b"a\xff.png"):
+        (tmp_path / "items" / os.fsdecode(name)).touch()
+    assert {item.name for item in batch.read_items(tmp_path / "items", tmp_path / "out")} == {"_", "a_"}

@@ -20,7 +20,7 @@ def test_the_list_of_weights_says_where_they_lie_and_whether_they_are_whole(tmp_
     from arm_blender.weight_files import folder as weights_folder
 
     shutil.copytree(weights_folder.FOLDER, tmp_path, dirs_exist_ok=True)
-    with (tmp_path / "small.glossyrm.safetensors").open("ab") as file:
+    with (tmp_path / "small.finish.safetensors").open("ab") as file:
         file.write(b"more")
     for function in (checkpoints.shipped, checkpoints.verify, checkpoints.condition):
         monkeypatch.setattr(function, "__defaults__", (tmp_path,))
@@ -30,7 +30,7 @@ def test_the_list_of_weights_says_where_they_lie_and_whether_they_are_whole(tmp_
     for weights, (line, where) in zip(checkpoints.REGISTRY, said.items(), strict=True):
         assert weights.name in line and weights.licence in line and weights.enables in line
         assert str(tmp_path / weights.file_name) in where
-        whole = weights.name.startswith("small.") and weights.name != "small.glossyrm"
+        whole = weights.name.startswith("small.") and weights.name != "small.finish"
         assert ("whole" in line) == whole and (weights.remedy in where) != whole
     assert "damaged" in lines[2] and "not installed" in lines[12]
     assert "1.5 GB" in next(line for line in said if "instantmesh.georm" in line)

@@ -13,13 +13,11 @@ from arm_blender.models.network_views import network_views
 from arm_blender.models.paper.georm import GeoRM
 from arm_blender.models.paper.glossyrm import GlossyRM
 from arm_blender.models.paper.reconstruction import EncodedPlanes
-from arm_blender.models.small.mixed_glossyrm import MixedGlossyRM
 from arm_blender.models.small.volume_georm import EncodedVolumes, VolumeGeoRM
 from arm_blender.structures import ViewSet
 
 from .balls import ball_views, points
 from .paper.test_reconstruction import TINY as PLANES
-from .small.test_mixed_glossyrm import TINY as MIXED
 from .small.test_volume_georm import TINY as VOLUMES
 
 
@@ -69,10 +67,10 @@ def georm(request) -> GeoRM | VolumeGeoRM:
     return (VolumeGeoRM(VOLUMES) if request.param == "small" else GeoRM(PLANES)).eval()
 
 
-@pytest.fixture(scope="module", params=["small", "paper"])
-def glossyrm(request) -> GlossyRM | MixedGlossyRM:
+@pytest.fixture(scope="module")
+def glossyrm() -> GlossyRM:
     torch.manual_seed(0)
-    return (MixedGlossyRM(MIXED) if request.param == "small" else GlossyRM(PLANES)).eval()
+    return GlossyRM(PLANES).eval()
 
 
 @pytest.fixture(autouse=True)

@@ -10,8 +10,7 @@ from arm_blender.graphics.meshes import vertex_normals
 from arm_blender.refinement.conjugate_gradient import solved
 from arm_blender.refinement.displacement import TERMS
 from arm_blender.refinement.vertex_graph import Bending, VertexGraph
-
-from .scenes import ball, wrong_radius
+from training.studies.extremes.pebble import ball, wrong_radius
 
 
 @pytest.fixture(scope="module")

@@ -9,12 +9,12 @@ from arm_blender.errors import Cancelled
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.graphics.connectivity import manifold_pairs
 from arm_blender.graphics.meshes import face_normals
+from arm_blender.refinement import refine as refine_module
 from arm_blender.refinement.refine import SWEPT, refine
 from arm_blender.refinement.untangling import folded
 from arm_blender.refinement.vertex_graph import VertexGraph
 from arm_blender.structures import TriangleMesh, ViewSet
-
-from .scenes import (
+from training.studies.extremes.pebble import (
     ball,
     dent,
     distance,
@@ -43,6 +43,12 @@ def test_the_mesh_meets_its_pictures(start, views):
     found = refine(start, views)
     assert found.better and found.after < 0.5 * found.before
     assert distance(found.mesh) < 0.4 * distance(start)
+
+
+def test_photographs_have_a_limit_of_their_own(start, views, monkeypatch):
+    monkeypatch.setattr(refine_module, "ENOUGH", 0.0)
+    assert not refine(start, views, 1).better
+    assert refine(start, replace(views, varying_exposure=True), 1).better
 
 
 def test_the_faces_stay_and_none_folds_over(start, views):

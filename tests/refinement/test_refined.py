@@ -7,8 +7,7 @@ import torch
 
 from arm_blender.refinement.refined import refined
 from arm_blender.report import Report
-
-from .scenes import ball, pictures, radius, wrong_radius
+from training.studies.extremes.pebble import ball, pictures, radius, wrong_radius
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,7 @@ from arm_blender.graphics.surface.isosurface import extract
 from arm_blender.graphics.surface.sample_grid import IsosurfaceConfig
 from arm_blender.refinement.untangling import folded, uncrossed, untangled
 from arm_blender.refinement.vertex_graph import VertexGraph
-
-from .scenes import ball, wrong_radius
+from training.studies.extremes.pebble import ball, wrong_radius
 
 GRID = IsosurfaceConfig(48, iso=0.0)
 

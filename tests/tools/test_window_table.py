@@ -49,7 +49,7 @@ def test_a_stop_is_said_and_made_in_time(tool, said, ended, held):
 def test_the_page_states_machine_and_silences(tool):
     page = tool.document({"run": run_of(0.1)}, "A machine of its own")
     assert "A machine of its own" in page and "| reading | 0.30 s |" in page
-    assert "Without a result: cancel, load, quit, disable, engines, photographs." in page
+    assert "Without a result: cancel, load, quit, disable, engines, photographs, doubtful, materials." in page
 
 
 @pytest.mark.parametrize("change, missed", [({}, 0), ({"editors": ["VIEW"]}, 1), ({"cameras": 3, "browser": False}, 2)])
@@ -64,3 +64,20 @@ def test_photographs_that_are_not_listed_solved_or_painted_are_missed_bars(tool,
 def test_two_engines_agree_within_a_tenth(tool, eevee, held):
     (line,) = tool.checks({"engines": {"mean colors": {"studio": {"cycles": [0.5] * 3, "eevee": [eevee] * 3}}}})
     assert line.held == held
+
+
+@pytest.mark.parametrize("doubts, held", [(["002.png does not fit the others"], True), ([], False)])
+def test_a_doubtful_result_has_to_say_so(tool, doubts, held):
+    (line,) = tool.checks({"doubtful": {"doubts": doubts}})
+    assert line.held == held
+
+
+@pytest.mark.parametrize(
+    "change, missed",
+    [({}, 0), ({"picked": 1}, 2), ({"left by Esc": False}, 1), ({"left after undo": 1}, 1), ({"set": {}}, 1)],
+)
+def test_a_region_that_is_not_picked_or_not_undone_is_a_missed_bar(tool, change, missed):
+    found = {"regions": 3, "panel": True, "left by Esc": True, "expected": 2, "picked": 2, "set": {"2": 1.0}}
+    found |= {"left after undo": 0} | change
+    assert [line.held for line in tool.checks({"materials": found})].count(False) == missed
+    assert "images/materials.png" in tool.document({"run": run_of(0.1), "materials": found}, "a machine")

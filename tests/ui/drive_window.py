@@ -6,6 +6,7 @@ events pass. What it finds goes to /mnt/out as JSON. Mouse and keyboard are Blen
 
 import json
 import os
+import shutil
 import sys
 import time
 import traceback
@@ -17,6 +18,7 @@ import bpy
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
+from finish_regions import materials
 from walk_photographs import photographs
 from watch import Watch, stage_of
 from window import EXTENSION, OUT, PROJECT, area, in_view, module, shoot, state, window
@@ -31,6 +33,8 @@ SETTLED = 5.0
 a new object in it holds up every event for a quarter of a second."""
 ENVIRONMENTS = ("studio", "sunset", "sunrise")
 """Those of the preview, and one whose light comes from one side."""
+MOVED = 0.4
+"""By how much a wrong camera is too high."""
 
 Scenario = Iterator[float]
 
@@ -122,9 +126,7 @@ def disable(watch: Watch) -> Scenario:
 
 def engines(watch: Watch) -> Scenario:
     """The previews of a new asset by Cycles and by Eevee: the mean displayed colour of the object in each."""
-    yield from click_generate()
-    while module("generate.operators").is_running():
-        yield STEP
+    yield from generated()
     relight, made = module("relight.renders"), window().view_layer.objects.active
     found: dict[str, dict[str, float]] = {}
     for engine in ("cycles", "eevee"):
@@ -169,6 +171,24 @@ def pictures(watch: Watch) -> Scenario:
     return {}
 
 
+def doubtful(watch: Watch) -> Scenario:
+    """A result of views one of which has a wrong camera: the panel says that it is doubtful, and why."""
+    views = OUT / "moved"
+    shutil.copytree(VIEWS, views, dirs_exist_ok=True)
+    data = json.loads(Path(VIEWS, "transforms.json").read_text())
+    data["frames"][2]["transform_matrix"][2][3] += MOVED
+    (views / "transforms.json").write_text(json.dumps(data))
+    yield from choose_views(str(views))
+    job = yield from begin_run()
+    while module("generate.operators").is_running():
+        yield 0.2
+    assert job.result is not None, state().error
+    yield SETTLED
+    shoot("doubtful")
+    said = json.loads(window().view_layer.objects.active["arm_settings"])["report"]["doubts"]
+    return {"doubts": said}
+
+
 def click_generate() -> Scenario:
     """Press the panel's button with the mouse; the job that it starts."""
     ready = module("generate.operators")
@@ -188,6 +208,13 @@ def click_generate() -> Scenario:
     raise AssertionError(f"no run begins by a click at {x}, {y}: {state().error}; see no-button.png")
 
 
+def generated() -> Scenario:
+    """A result, by the panel's button."""
+    yield from click_generate()
+    while module("generate.operators").is_running():
+        yield STEP
+
+
 def begin_run() -> Scenario:
     """A run that is at work in its networks."""
     if not bpy.context.scene.arm.views_path:
@@ -199,9 +226,9 @@ def begin_run() -> Scenario:
     return module("generate.operators")._running
 
 
-def choose_views() -> Scenario:
+def choose_views(views: str = VIEWS) -> Scenario:
     settings = bpy.context.scene.arm
-    settings.quality, settings.views_path = "draft", VIEWS
+    settings.quality, settings.views_path = "draft", views
     yield 0.3
     while module("input.view_list").is_looking():
         yield 0.1
@@ -228,6 +255,8 @@ SCENARIOS = {
     "disable": disable,
     "engines": engines,
     "photographs": photographs,
+    "doubtful": doubtful,
+    "materials": lambda watch: materials(watch, generated()),
 }
 
 

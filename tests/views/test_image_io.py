@@ -15,6 +15,7 @@ from PIL import Image, ImageCms
 from arm_blender.errors import InputImageError, OutputError
 from arm_blender.graphics.color import linear_from_srgb, srgb_from_linear
 from arm_blender.machine.picture_files import pictures_in
+from arm_blender.photographs.pictures import looked_at
 from arm_blender.views.image_io import MAXIMUM_SIDE, read_image, read_orientation, write_png
 
 
@@ -275,6 +276,28 @@ def test_what_is_no_picture_is_refused(tmp_path):
         with pytest.raises(InputImageError, match=name) as caught:
             read_image(tmp_path / name)
         assert "\n" not in str(caught.value)
+
+
+def test_a_damaged_exif_costs_a_picture_its_orientation_alone(tmp_path, stored, expected):
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    path = tmp_path / "a.webp"
+    Image.fromarray(stored).save(path, exif=exif.tobytes(), lossless=True, exact=True)
+    whole = path.read_bytes()
+    assert whole.count(b"MM\0*") == 1
+    path.write_bytes(whole.replace(b"MM\0*", b"MM\0M"))
+    torch.testing.assert_close(read_image(path), expected, atol=1e-6, rtol=0)
+    assert read_orientation(path) == (40, 24, 1)
+    assert (looked_at(path).width, looked_at(path).height) == (40, 24)
+
+
+@pytest.mark.parametrize("size", [b"-Y -1 +X 24", b"-Y 24 +X -1"])
+def test_a_picture_of_less_than_no_pixels_is_refused(tmp_path, size):
+    path = tmp_path / "a.hdr"
+    path.write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n" + size + b"\n\2\2\0\x18" + bytes(200))
+    for read in (read_image, read_orientation):
+        with pytest.raises(InputImageError, match="without pixels"):
+            read(path)
 
 
 def test_a_giant_is_refused_before_it_is_decoded(tmp_path):

@@ -47,6 +47,38 @@ def test_one_picture_is_filled_to_a_pixel():
     assert (pixels.amax(0) - shown.amax(0) - 1).abs().max() <= 1.0
 
 
+@pytest.mark.parametrize("known", [(0, 0, 128, 80), (0, 0, 90, 128), (40, 0, 90, 128), (0, 40, 128, 90)])
+def test_a_picture_that_cuts_an_object_is_filled_where_the_object_ends_in_it(known):
+    mesh, camera = slab(), front_camera(100.0, SIZE)
+    views = views_of(mesh, [camera])
+    left, top, right, bottom = known
+    images = torch.zeros_like(views.images)
+    images[:, :, top:bottom, left:right] = views.images[:, :, top:bottom, left:right]
+    cut = replace(views, images=images, known=(known,))
+    frame = fit_to_views(mesh.moved(lambda points: points * 3.0), cut)
+    assert frame.scale * 3.0 == pytest.approx(1.0, abs=0.02)
+    assert outline_fit(mesh.moved(lambda points: points * 3.0).moved(frame.restore), cut) > 0.97
+
+
+def test_a_rig_whose_pictures_cut_the_object_says_its_size_and_place():
+    mesh, known = slab(), (0, 0, SIZE, 80)
+    views = views_of(mesh, zero123plus_rig(4.0, 30.0, SIZE))
+    images = views.images.clone()
+    images[1::2, :, known[3] :] = 0.0
+    cut = replace(views, images=images, known=((0, 0, SIZE, SIZE), known) * 3)
+    moved = mesh.moved(lambda points: points * 25.0 + torch.tensor([3.0, -40.0, 7.0]))
+    fitted = moved.moved(fit_to_views(moved, cut).restore)
+    assert torch.allclose(fitted.vertices, mesh.vertices, atol=0.03)
+
+
+def test_where_no_picture_shows_an_object_from_end_to_end_its_box_counts():
+    views = view_set()
+    images, known = torch.zeros_like(views.images), (50, 40, 75, 80)
+    images[:, :, known[1] : known[3], known[0] : known[2]] = 1.0
+    frame = fit_to_views(box_mesh(), replace(views, images=images, known=(known,) * 6))
+    assert 0.0 < frame.scale < 1.0 and bool(frame.center.isfinite().all())
+
+
 def test_what_is_in_place_stays():
     mesh = slab()
     frame = fit_to_views(mesh, views_of(mesh, zero123plus_rig(4.0, 30.0, 512)))

@@ -7,7 +7,7 @@ gives a sample, and the same object under other materials and light, rasterised,
 
 import logging
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -111,11 +111,19 @@ def save(target: Path, points: SeenPoints, albedo: Tensor) -> None:
 
 
 @torch.no_grad()
-def carried(mesh: TriangleMesh, rig: shards.Arrays, generator: torch.Generator) -> tuple[SeenPoints, Tensor] | None:
+def carried(
+    mesh: TriangleMesh,
+    rig: shards.Arrays,
+    generator: torch.Generator,
+    decoded: Callable[[Tensor], Tensor] = linear_from_srgb,
+    surely: bool = True,
+) -> tuple[SeenPoints, Tensor] | None:
     """What the input views of a rig show, on points of a mesh.
 
     Args:
         rig: with rgba, albedo, c2w and K, as of `rig_<k>.npz`.
+        decoded: makes linear numbers of the albedo, or of what stands in its place.
+        surely: leave out what lies close to an outline, or grazing.
     Returns:
         The points that a view sees, `POINTS` at most, B = 1, and their albedo (1, P, 3) linear; None where fewer than
         `FEWEST` are seen.
@@ -128,10 +136,10 @@ def carried(mesh: TriangleMesh, rig: shards.Arrays, generator: torch.Generator) 
     for k, camera in enumerate(shards.cameras(rig)[:INPUT_VIEWS]):
         rgba, albedo = (torch.from_numpy(rig[name][k]).permute(2, 0, 1).float() / 255.0 for name in ("rgba", "albedo"))
         pixels, facing = look(camera, place, normal)
-        seen = sight(mesh, place, normal, facing, step, rgba, camera, config)[1]
+        seen = sight(mesh, place, normal, facing, step, rgba, camera, config)[int(surely)]
         both = [
-            sample_view(torch.cat([linear_from_srgb(c), rgba[3:]]), pixels, step, config.min_alpha)
-            for c in (rgba[:3], albedo)
+            sample_view(torch.cat([c, rgba[3:]]), pixels, step, config.min_alpha)
+            for c in (linear_from_srgb(rgba[:3]), decoded(albedo))
         ]
         shown.append(torch.cat([color.T for color, _ in both], dim=1))
         visible.append(seen & both[0][1])

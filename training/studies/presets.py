@@ -17,6 +17,7 @@ from ..documents import fill_block, markdown_table
 TITLES = {
     "georm": "GeoRM",
     "glossyrm": "GlossyRM",
+    "finish": "Finish",
     "instant_albedo": "InstantAlbedo",
     "ray_occupancy": "RayOccupancy",
 }
@@ -26,7 +27,7 @@ TITLES = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The words of `python -m training presets`."""
     parser.add_argument(
-        "--update-document", type=Path, nargs="?", const=Path("docs/method.md"), help="fill the document's block of presets"
+        "--update-document", type=Path, nargs="?", const=Path("docs/method.md"), help="fill its block of presets"
     )
 
 
@@ -35,7 +36,8 @@ def run(args: argparse.Namespace) -> int:
     table = presets_table()
     print(table)
     if args.update_document:
-        fill_block(args.update_document, "presets", f"{table}\n\nMade by `python -m training presets --update-document`.")
+        made = "Made by `python -m training presets --update-document`."
+        fill_block(args.update_document, "presets", f"{table}\n\n{made}")
     return 0
 
 

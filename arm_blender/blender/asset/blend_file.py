@@ -1,5 +1,6 @@
 """A relightable asset as a .blend file of its own, written whole or not at all."""
 
+import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +12,7 @@ from ...machine.files import whole_file
 from ...structures import RelightableAsset
 from ..compat import reason, use_cycles, use_neutral_view
 from ..console import without_chatter
+from .asset_file import linked_asset
 from .scene import build_object
 from .studio import add_camera, bounding_sphere, light_softly, temporary_scene
 
@@ -42,6 +44,18 @@ def save_blend(asset: RelightableAsset, path: Path | str, settings: Mapping[str,
         scene.render.resolution_x = scene.render.resolution_y = _RESOLUTION
         with written_by_blender(Path(path)) as partial:
             bpy.data.libraries.write(str(partial), {scene}, compress=True)
+
+
+@without_chatter()
+def kept_settings(path: Path) -> dict[str, object]:
+    """What the asset in a .blend of ours was made with, as `save_blend` got it; empty where nothing is kept.
+
+    Raises:
+        ArmError: the file cannot be read.
+    """
+    with temporary_scene(path.stem) as scene:
+        kept = [item["arm_settings"] for item in linked_asset(scene, path) if "arm_settings" in item]
+    return json.loads(kept[0]) if kept else {}
 
 
 @contextmanager

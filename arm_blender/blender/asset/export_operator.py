@@ -16,7 +16,7 @@ _FORMATS = (
 
 
 class ARM_OT_export(bpy.types.Operator):
-    """Write the active object with its material maps, in one format or several"""
+    """Write the active object with its material maps and what is set of them, in one format or several"""
 
     bl_idname = "arm.export"
     bl_label = "Export Relightable Asset"

@@ -5,11 +5,14 @@ from typing import Literal
 import bpy
 import numpy as np
 from torch import Tensor
+from torch.nn.functional import adaptive_avg_pool2d
 
 from ...graphics.color import srgb_from_linear
-from ...structures import MaterialMaps
+from ...structures import MaterialMaps, Regions
 from ...uv.normal_map import unit_from_normals
 from ..compat import shader_tree
+from .finish_nodes import BAKED, set_finishes
+from .regions import NODE, STEPS, KnownRegion, KnownRegions, keep_regions
 
 ColorSpace = Literal["sRGB", "Non-Color"]
 
@@ -18,6 +21,9 @@ UV_MAP = "UVMap"
 
 NORMAL = "Normal"
 """The node of a normal map."""
+
+_DIGITS = 2
+"""Decimals of a predicted mean: what a slider shows is what it sets."""
 
 _COLUMN = -640.0
 _ROW = 320.0
@@ -51,7 +57,8 @@ def build_material(name: str, maps: MaterialMaps, normal: bpy.types.Image | None
     """One material that shows `maps` under any light.
 
     Base Color comes from the albedo, Roughness and Metallic from their map or, where that is a value, from the socket.
-    The baked colour stays at hand as a node that is connected to nothing.
+    The baked colour and the regions stay at hand as nodes that are connected to nothing, but to the table of finishes
+    where any are set.
 
     Args:
         normal: a normal map that is an image already; it is taken where `maps` have none.
@@ -82,7 +89,11 @@ def build_material(name: str, maps: MaterialMaps, normal: bpy.types.Image | None
     if normal is not None:
         textures.append(_add_normal_map(tree, surface, normal))
     baked = image_from_map(f"{name} baked", maps.baked, "sRGB")
-    _add_texture(tree, baked, "Baked color: lighting of the views included", row=3)
+    _add_texture(tree, baked, BAKED, row=3)
+    if maps.regions is not None:
+        textures.append(_add_regions(tree, name, maps.regions))
+        keep_regions(material, _known(maps, maps.regions))
+        set_finishes(material, maps.regions.finishes)
     _frame(tree, textures, "Relightable maps")
     tree.nodes.active = albedo  # The active image is what texture paint and solid view's texture mode show.
     return material
@@ -97,6 +108,33 @@ def _add_normal_map(tree: bpy.types.ShaderNodeTree, surface: bpy.types.Node, ima
     tree.links.new(texture.outputs["Color"], turned.inputs["Color"])
     tree.links.new(turned.outputs["Normal"], surface.inputs["Normal"])
     return texture
+
+
+def _add_regions(tree: bpy.types.ShaderNodeTree, name: str, regions: Regions) -> bpy.types.Node:
+    """The texture of the image of regions, at hand for the table of finishes and linked to nothing yet."""
+    grey = (regions.index[None].float() + 0.5) / STEPS
+    texture = _add_texture(tree, image_from_map(f"{name} regions", grey, "Non-Color"), NODE, row=5)
+    texture.interpolation = "Closest"  # Between two regions lies no third.
+    return texture
+
+
+def _known(maps: MaterialMaps, regions: Regions) -> KnownRegions:
+    """What the panel tells of the regions."""
+    found = []
+    for number, (area, swatch) in enumerate(zip(regions.area, regions.swatch, strict=True), start=1):
+        inside = regions.index == number
+        means = (round(_mean(texels, inside), _DIGITS) for texels in (maps.roughness, maps.metallic))
+        found.append(KnownRegion(number, area, swatch, *means))
+    return KnownRegions(tuple(found), regions.light)
+
+
+def _mean(texels: Tensor | float, inside: Tensor) -> float:
+    """Of a map (1, S, S), or of its one value, where `inside` (T, T) says so."""
+    if isinstance(texels, float):
+        return texels
+    side = texels.shape[-1]
+    weights = adaptive_avg_pool2d(inside[None].float(), side)
+    return float((texels * weights).sum() / weights.sum().clamp(min=1e-6))
 
 
 def _add_texture(tree: bpy.types.ShaderNodeTree, image: bpy.types.Image, label: str, row: int) -> bpy.types.Node:

@@ -10,11 +10,15 @@ from torch import Tensor
 
 from ...errors import ArmError, EmptyMeshError
 from ...graphics.color import linear_from_srgb
-from ...structures import VALUE_SIDE, MaterialMaps, RelightableAsset, UvMesh
+from ...structures import VALUE_SIDE, MaterialMaps, Regions, RelightableAsset, UvMesh
+from .finish_nodes import finish_node, finishes, is_value
+from .regions import STEPS, known_regions, regions_image
 
 
 def asset_from_object(source: bpy.types.Object) -> RelightableAsset:
     """The mesh with its modifiers and its place in the world, and the maps that reach its Principled BSDF.
+
+    The maps are as predicted where regions are set to a finish; `maps.regions` has it.
 
     Raises:
         EmptyMeshError: there is no face, or no UV map.
@@ -67,22 +71,27 @@ def _maps(source: bpy.types.Object) -> MaterialMaps:
     if surface is None:
         raise ArmError(f"{source.name}: has no material with a Principled BSDF; generate it, or give it one")
     albedo = _map(surface, "Base Color", 3)
-    # The colour with the lighting of the views is at hand as a node that is linked to nothing.
-    loose = [n for n in nodes if n.type == "TEX_IMAGE" and n.image is not None and not n.outputs["Color"].is_linked]
-    baked = next((node for node in loose if node.name.startswith("Baked")), None)
+    # The colour with the lighting of the views has a node of its own, whatever it is linked to.
+    textures = [node for node in nodes if node.type == "TEX_IMAGE" and node.image is not None]
+    baked = next((node for node in textures if node.name.startswith("Baked")), None)
     return MaterialMaps(
         albedo,
         albedo if baked is None else _texels(baked.image, 3),
         _map_or_value(surface, "Roughness"),
         _map_or_value(surface, "Metallic"),
         2.0 * _map(surface, "Normal", 3) - 1.0 if surface.inputs["Normal"].is_linked else None,
+        _regions(source.active_material),
     )
 
 
 def _map_or_value(surface: bpy.types.Node, socket: str) -> Tensor | float:
     """(1, T, T) of the image that reaches an input, or its value."""
     entry = surface.inputs[socket]
-    return _map(surface, socket, 1) if entry.is_linked else float(entry.default_value)
+    if entry.is_linked and entry.links[0].from_node == finish_node(surface.id_data):
+        entry = entry.links[0].from_node.inputs[socket]
+        if is_value(entry):
+            return float(entry.default_value)
+    return _map(entry.node, socket, 1) if entry.is_linked else float(entry.default_value)
 
 
 def _map(surface: bpy.types.Node, socket: str, channels: int) -> Tensor:
@@ -92,11 +101,23 @@ def _map(surface: bpy.types.Node, socket: str, channels: int) -> Tensor:
         color = torch.tensor(list(entry.default_value[:channels]))
         return color.view(-1, 1, 1).expand(-1, VALUE_SIDE, VALUE_SIDE).contiguous()
     node = entry.links[0].from_node
+    if node == finish_node(surface.id_data):  # The prediction lies behind the table.
+        return _map(node, socket, channels)
     if node.type == "NORMAL_MAP" and node.inputs["Color"].is_linked:
         node = node.inputs["Color"].links[0].from_node
     if node.type != "TEX_IMAGE" or node.image is None or 0 in node.image.size:
         raise ArmError(f"{surface.id_data.name}: {socket} is no image texture; bake it to one, or unlink it")
     return _texels(node.image, channels)
+
+
+def _regions(material: bpy.types.Material) -> Regions | None:
+    """The regions with what is set of them; None of a material from before there were any."""
+    image, known = regions_image(material), known_regions(material)
+    if image is None or not known.regions:
+        return None
+    index = (_texels(image, 1)[0] * STEPS).to(torch.uint8).clamp(max=len(known.regions))
+    area, swatch = zip(*((region.area, region.swatch) for region in known.regions), strict=True)
+    return Regions(index, area, swatch, known.light, finishes(material))
 
 
 def _texels(image: bpy.types.Image, channels: int) -> Tensor:

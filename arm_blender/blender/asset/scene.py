@@ -9,6 +9,7 @@ import numpy as np
 from ...structures import MaterialMaps, RelightableAsset, UvMesh
 from ...version import VERSION
 from ..compat import shader_tree
+from .finish_nodes import finish_node
 from .material_nodes import NORMAL, UV_MAP, build_material
 
 
@@ -78,11 +79,13 @@ def replace_maps(shown: bpy.types.Object, maps: MaterialMaps, settings: Mapping[
         shown.data.materials.append(None)
     slot = shown.material_slots[0]
     old = slot.material
-    images, normal = set(), None
+    images, groups, normal = set(), set(), None
     replaced = old is not None and "arm_maps" in old and old.users == 1
     if replaced:
         textures = (node for node in shader_tree(old).nodes if node.type == "TEX_IMAGE")
         images = {texture.image for texture in textures if texture.image is not None}
+        table = finish_node(shader_tree(old))
+        groups = {table.node_tree} if table is not None else set()
         kept = shader_tree(old).nodes.get(NORMAL)
         normal = kept.image if kept is not None else None
         for block in {old, *images} - {normal}:
@@ -91,7 +94,7 @@ def replace_maps(shown: bpy.types.Object, maps: MaterialMaps, settings: Mapping[
     _keep_settings(shown, settings)
     if replaced:
         bpy.data.materials.remove(old)
-        bpy.data.batch_remove({image for image in images if not image.users})
+        bpy.data.batch_remove({block for block in images | groups if not block.users})
 
 
 def _keep_settings(made: bpy.types.Object, settings: Mapping[str, object]) -> None:

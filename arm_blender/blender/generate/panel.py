@@ -86,6 +86,7 @@ class ARM_PT_advanced(InSidebar, bpy.types.Panel):
         options.use_property_split = True
         options.use_property_decorate = False
         options.prop(context.scene.arm, "own_weights")
+        options.prop(context.scene.arm, "finish")
 
 
 class ARM_PT_result(InSidebar, bpy.types.Panel):

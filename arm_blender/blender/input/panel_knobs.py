@@ -50,6 +50,8 @@ def _property(one: Knob, shown: Shown) -> Any:
         return EnumProperty(items=shown.items, **words)
     if one.kind is Path:
         return StringProperty(subtype="DIR_PATH", options=BLEND_RELATIVE, **words)
+    if one.kind is str:
+        return StringProperty(**words)
     ends = {"min": shown.low, "max": shown.high, "soft_max": shown.soft_high}
     make = IntProperty if one.kind is int else FloatProperty
     return make(**words, **{end: value for end, value in ends.items() if value is not None})

@@ -10,6 +10,9 @@ import bpy
 from ...asset_record import AssetRecord, read_record
 from ...errors import ArmError
 from ...knobs import Knobs, ViewKnobs
+from ...knobs.finishes import words_of
+from ..asset.finish_nodes import finishes
+from ..asset.regions import known_regions
 from ..setup import runtime
 from .generation_request import CameraPicture, GenerationRequest
 from .panel_knobs import panel_values
@@ -99,12 +102,16 @@ def from_result(context: bpy.types.Context) -> GenerationRequest:
 
 
 def stored_record(made: bpy.types.Object) -> AssetRecord:
-    """What a result says of how it was made, whichever version and whoever made it.
+    """What a result says of how it was made, whichever version and whoever made it, and what is set of its regions now.
 
     Raises:
         ArmError: it says nothing that can be read.
     """
-    return read_record(made.name, made.get("arm_settings"), blend_folder(made.library), made.get("arm_frame"))
+    kept = read_record(made.name, made.get("arm_settings"), blend_folder(made.library), made.get("arm_frame"))
+    material = made.active_material
+    if material is None or not known_regions(material).regions:
+        return kept
+    return replace(kept, chosen=kept.chosen | {"finish": words_of(finishes(material)) or None})
 
 
 def blend_folder(library: bpy.types.Library | None = None) -> Path | None:

@@ -12,7 +12,7 @@ from ..masks.joint_hull import JointHull, joint_hull
 from .looking_again import looked_at_again
 from .solver import Job, Solution, match, solve, solve_again
 from .standing import Upright, upright
-from .trust import Trust, borne_out, compared, judged
+from .trust import AGREEMENT, SHARED, Trust, borne_out, compared, judged
 from .working_copies import WorkingCopy, lenses_of, write_regions
 
 logger = logging.getLogger(__name__)
@@ -31,6 +31,9 @@ _MASKED = 0.7
 
 _NEARLY_ALL = 0.9
 """Of the pictures, the share that has to have a camera for a good solution to be looked for no further."""
+
+_OBJECT_ALONE = "object"
+"""Where features are looked for if the thing was turned before a background that stands."""
 
 _SECOND_GROUP = 0.25
 """Of the pictures, the share in a second solution that stands for a second thing."""
@@ -57,6 +60,14 @@ class Attempt:
     trust: Trust
     groups: list[list[str]]
     looks: int = 0
+
+    @property
+    def stands_still(self) -> bool:
+        """Whether the object did not turn before its surroundings: nearly all cameras were found with those, its masks
+        fit them, and a second way to solve finds the same."""
+        measures = self.trust.measures
+        found, fits = measures["registered"] >= _NEARLY_ALL, measures.get("agreement", 0.0) >= AGREEMENT[0]
+        return found and fits and measures.get("apart", 1.0) <= SHARED[0]
 
     def standing(self, seed: int) -> Upright:
         """Where the object stands."""
@@ -95,6 +106,8 @@ def best_attempt(
     best: Attempt | None = None
     jobs = list(_jobs(copies, folder, threads, seed))
     for index, (way, job) in enumerate(jobs):
+        if way == _OBJECT_ALONE and best is not None and best.stands_still:
+            continue
         share = part(progress, index / len(jobs), (index + 1) / len(jobs))
         match(job, part(share, 0.0, 0.6))
         for number, factor in enumerate(FACTORS[:1] if job.focal_is_known else FACTORS):
@@ -122,11 +135,11 @@ def best_attempt(
 def _jobs(copies: list[WorkingCopy], folder: Path, threads: int, seed: int) -> Iterator[tuple[str, Job]]:
     """Where features are looked for, the likeliest first, each as a job with a folder of its own."""
     masked = sum(copy.mask is not None for copy in copies) >= _MASKED * len(copies)
-    ways = ["object and ground", "whole picture", "object"] if masked else ["whole picture"]
+    ways = ["object and ground", "whole picture", _OBJECT_ALONE] if masked else ["whole picture"]
     for index, way in enumerate(ways):
         own = folder / f"way-{index}"
         own.mkdir()
-        regions = None if way == "whole picture" else write_regions(copies, own / "regions", way != "object")
+        regions = None if way == "whole picture" else write_regions(copies, own / "regions", way != _OBJECT_ALONE)
         yield way, Job(own, folder / PICTURES, regions, lenses_of(copies), threads, seed)
 
 

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
-from torch.nn.functional import interpolate, max_pool2d, pad
+from torch.nn.functional import interpolate, pad
 
 from ...graphics.borders import Rectangle, continued
 from ...graphics.cameras import Camera
 from ...graphics.visual_hull import Outlines, signed_silhouette_distance
+from ...graphics.windows import highest_around, lowest_around
 from ...progress import Progress, silent
 
 _CELLS, _HALF = 80, 1.5
@@ -154,8 +155,7 @@ def _shown(points: Tensor, camera: Camera) -> tuple[Tensor, Tensor]:
         seen = Outlines(empty, own.c2w[None, None].float(), own.K[None, None].float()).project(points[None])
         place = ((seen.grid[0, 0] + 1.0) / 2.0 * side).floor().long().clamp(0, side - 1)[seen.framed[0, 0] > 0.0]
         drawn[place[:, 1], place[:, 0]] = 1.0
-    near = max_pool2d(drawn[None, None], 3, 1, 1)
-    far = 1.0 - max_pool2d(1.0 - near, 7, 1, 3)
-    both = torch.cat([near, far], dim=1)
+    near = highest_around(drawn, 1)
+    both = torch.stack([near, lowest_around(near, 3)])[None]
     possible, certain = interpolate(both, (camera.height, camera.width), mode="bilinear", align_corners=False)[0]
     return possible, certain

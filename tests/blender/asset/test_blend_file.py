@@ -1,9 +1,14 @@
 """A .blend holds the whole asset and opens ready to render; writing it leaves no trace; a GLB keeps mesh and maps."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import torch
 
 from arm_blender.errors import OutputError
+from arm_blender.knobs.finishes import PRESETS
+from arm_blender.structures import Regions
 
 bpy = pytest.importorskip("bpy")
 from arm_blender.blender.asset.blend_file import save_blend  # noqa: E402
@@ -109,6 +114,24 @@ def test_a_glb_comes_back_with_the_same_vertices_and_maps(asset, tmp_path):
     packed = sample(images["Roughness"], uvs)  # glTF: green is roughness, blue is metallic.
     assert np.abs(packed[:, 1] - asset.maps.roughness[0].numpy()[15 - row, column]).max() <= 1 / 255
     assert np.abs(packed[:, 2] - asset.maps.metallic[0].numpy()[15 - row, column]).max() <= 1 / 255
+
+
+@pytest.mark.parametrize("value", [None, 0.4], ids=["a map", "one value"])
+def test_a_glb_of_blender_s_own_has_the_prediction_and_not_the_numbers_of_the_regions(asset, tmp_path, value):
+    """Its exporter knows no table of finishes, and takes the first image that it meets."""
+    index = torch.ones(16, 16, dtype=torch.uint8)
+    regions = Regions(index, (1.0,), ((0.5, 0.5, 0.5),), finishes={1: PRESETS["gold"]})
+    maps = replace(asset.maps, regions=regions, **({} if value is None else {"roughness": value}))
+    build_object(replace(asset, maps=maps), {})
+    bpy.ops.export_scene.gltf(filepath=str(tmp_path / "ring.glb"), use_selection=True)
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.import_scene.gltf(filepath=str(tmp_path / "ring.glb"))
+    came_back = next(item for item in bpy.data.objects if item.type == "MESH")
+    uvs = np.random.default_rng(2).random((200, 2))
+    column, row = (uvs * 16).astype(int).T
+    packed = sample(image_behind(came_back.active_material, "Roughness"), uvs)
+    assert np.abs(packed[:, 1] - maps.image("roughness", 16)[0].numpy()[15 - row, column]).max() <= 1.5 / 255
+    assert np.abs(packed[:, 2] - maps.metallic[0].numpy()[15 - row, column]).max() <= 1.5 / 255
 
 
 def image_behind(material, socket: str):

@@ -122,7 +122,7 @@ def test_a_folder_of_own_weights_is_asked_for_apart_and_named_beside_its_result(
     from arm_blender.blender.input.generation_request import GenerationRequest
 
     assert "own_weights" not in drawn()["prop"]
-    assert drawn(panels.ARM_PT_advanced)["prop"] == ["own_weights"]
+    assert drawn(panels.ARM_PT_advanced)["prop"] == ["own_weights", "finish"]
     for folder, named in ((None, False), (Path("gone/of mine/"), True)):
         build_object(asset, GenerationRequest(Path("cup"), weights_folder=folder).record(None).as_json(None))
         assert ("weights of of mine" in drawn(panels.ARM_PT_result)["label"]) is named

@@ -45,6 +45,7 @@ def test_the_panel_begins_at_the_defaults(panel):
         "faces": None,
         "seed": 0,
         "normal_map": False,
+        "finish": None,
     }
     # The panel says what the command line leaves to the views.
     assert panel_values(panel, ViewKnobs) == {"rig_distance": 4.0, "elevation_deg": 10.0, "fovy_deg": 30.0}
@@ -60,11 +61,13 @@ def test_values_come_back_as_they_were_set(panel):
         "faces": 700,
         "seed": 3,
         "normal_map": True,
+        "finish": "2=chrome,3=0.3/1",
     }
     set_panel(panel, Knobs, values)
     assert panel_values(panel, Knobs) == values
-    set_panel(panel, Knobs, {name: None for name in ("weights_folder", "texture_size", "faces")})
-    assert panel_values(panel, Knobs) == values | {name: None for name in ("weights_folder", "texture_size", "faces")}
+    nothing = {name: None for name in ("weights_folder", "texture_size", "faces", "finish")}
+    set_panel(panel, Knobs, nothing)
+    assert panel_values(panel, Knobs) == values | nothing
     set_panel(panel, ViewKnobs, {"elevation_deg": -20.0, "fovy_deg": None, "rig_distance": 2.5})
     assert panel_values(panel, ViewKnobs) == {"rig_distance": 2.5, "elevation_deg": -20.0, "fovy_deg": 30.0}
 

@@ -82,7 +82,7 @@ def test_means_are_over_the_objects_of_the_sets_asked_for():
 
 def test_a_network_that_does_not_beat_its_baseline_is_named():
     good, bad = verdicts([result("a", 0.9, 0.5)]), verdicts([result("a", 0.1, 0.5)])
-    assert "NOT" not in good and good.count("GlossyRM beats") == 4
+    assert "NOT" not in good and good.count("the finish beats") == 4
     assert bad.count("does NOT beat") == len(bad.splitlines()) == len(good.splitlines())
     assert verdicts([result("a", 0.5, 0.5)]).count("InstantAlbedo does NOT beat") == 1  # Equal is not better.
 
@@ -94,7 +94,7 @@ def test_weights_of_another_folder_stand_in_for_those_of_their_name(tmp_path):
     trained = tmp_path / shipped.weights("georm").name
     trained.touch()
     assert other.weights("georm") == trained
-    assert other.weights("glossyrm") == shipped.weights("glossyrm")
+    assert other.weights("finish") == shipped.weights("finish")
 
 
 def test_layouts_of_known_sets(tmp_path):

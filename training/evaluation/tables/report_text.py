@@ -70,10 +70,10 @@ def verdicts(results: Sequence[ObjectResult]) -> str:
             if not seen:
                 continue
             value, score = best_constant(seen)
-            sentences.append(_sentence(f"{kind}, {name}: GlossyRM", f"the best constant, {value:.2f},", ours, score))
+            sentences.append(_sentence(f"{kind}, {name}: the finish", f"the best constant, {value:.2f},", ours, score))
             usual = TRAINING_MEAN[name]
             text = f"the training mean, {usual:.2f},"
-            sentences.append(_sentence(f"{kind}, {name}: GlossyRM", text, ours, constant_score(seen, usual)))
+            sentences.append(_sentence(f"{kind}, {name}: the finish", text, ours, constant_score(seen, usual)))
     return "  \n".join(sentence for sentence in sentences if sentence)
 
 

@@ -25,10 +25,11 @@ from arm_blender.structures import TriangleMesh
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 from arm_blender.views import load_views
 
-from ..documents import Row, markdown_table, paragraphs, write_text
+from ...documents import Row, markdown_table, paragraphs, write_text
 from . import precision
 from .ball import RADIUS, ball, open_edges
 from .hard_views import conflicting_views, strange_views
+from .refined_extremes import refined_extremes
 
 GRID = 64
 ON_SPHERE = "largest distance of a vertex from the sphere, in grid steps; open edges"
@@ -42,7 +43,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure every case and write the document."""
-    parts = (steep_densities, sharp_reflections, slivers, close_cameras, conflicting_views, strange_views)
+    parts = (
+        steep_densities,
+        sharp_reflections,
+        slivers,
+        close_cameras,
+        conflicting_views,
+        strange_views,
+        refined_extremes,
+    )
     rows = [row for part in parts for row in part()]
     views = load_views(args.views)
     text = paragraphs(

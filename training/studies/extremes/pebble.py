@@ -13,6 +13,8 @@ from arm_blender.graphics.surface.sample_grid import IsosurfaceConfig
 from arm_blender.structures import TriangleMesh, ViewSet
 
 SIDE = 160
+"""Pixels of a picture."""
+
 DIRECTIONS = ((30.0, 20.0), (90.0, -10.0), (150.0, 20.0), (210.0, -10.0), (270.0, 20.0), (330.0, -10.0))
 CAMERAS = tuple(orbit_camera(*direction, 6.0, 24.0, SIDE, SIDE) for direction in DIRECTIONS)
 

@@ -12,9 +12,9 @@ from arm_blender.graphics.surface.isosurface import IsosurfaceConfig, extract
 from arm_blender.models.small.volume_georm import VolumeGeoRMConfig
 from arm_blender.structures import TriangleMesh
 from arm_blender.weight_files import checkpoints
-from training.studies.ball import RADIUS, VOLUME, ball, open_edges, volume
-from training.studies.precision import NARROW, built, compared, in_three_precisions
-from training.studies.stability import missed_and_outside
+from training.studies.extremes.ball import RADIUS, VOLUME, ball, open_edges, volume
+from training.studies.extremes.precision import NARROW, built, compared, in_three_precisions
+from training.studies.extremes.stability import missed_and_outside
 
 
 def test_a_ball_is_closed_and_has_its_volume_until_a_face_is_taken_away():

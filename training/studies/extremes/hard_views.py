@@ -19,7 +19,7 @@ from arm_blender.uv.decimate import clean
 from arm_blender.uv.texels import texel_map
 from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 
-from ..documents import Row
+from ...documents import Row
 from .ball import RADIUS, VOLUME, ball, open_edges, volume
 from .precision import built
 

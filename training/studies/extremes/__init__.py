@@ -1,0 +1,1 @@
+"""Parts of the pipeline on inputs that are harsher than a scene should bring."""
