@@ -1,6 +1,7 @@
 """What the project's files say of its version and of what it needs agrees."""
 
 import fnmatch
+import importlib.util
 import tomllib
 from pathlib import Path
 
@@ -55,3 +56,10 @@ def test_weights_of_others_leave_in_no_package():
             assert any(fnmatch.fnmatch(path, pattern) for pattern in patterns) != ours, f"{place}: {weights.name}"
             recorded = any(fnmatch.fnmatch(path + checkpoints.SUM, pattern) for pattern in patterns)
             assert recorded or ours, f"{place}: the hash of {weights.name}"
+
+
+def test_a_checkout_may_have_any_name():
+    spec = importlib.util.spec_from_file_location("arm-for-blender", ROOT / "__init__.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert not hasattr(module, "register")  # Blender alone asks for it, of a package.
