@@ -1,4 +1,4 @@
-"""All benchmarks in one run: `python -m benchmarks` writes docs/benchmarks.md, its plot and a block of docs/results.md."""
+"""All benchmarks in one run: `python -m benchmarks` writes docs/benchmarks.md, its plot and a block of results.md."""
 
 import argparse
 import sys
