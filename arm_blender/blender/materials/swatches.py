@@ -1,7 +1,8 @@
 """Icons of one colour each."""
 
+from array import array
+
 import bpy.utils.previews
-import numpy as np
 from mathutils import Color
 
 _SIDE = 16
@@ -16,12 +17,11 @@ def swatch(color: tuple[float, float, float]) -> int:
         _previews = bpy.utils.previews.new()
     name = "{:.3f} {:.3f} {:.3f}".format(*color)
     if name not in _previews:
-        pixels = np.ones((_SIDE, _SIDE, 4), dtype=np.float32)
-        pixels[..., :3] = Color(color).from_scene_linear_to_srgb()
+        pixels = array("f", (*Color(color).from_scene_linear_to_srgb(), 1.0) * _SIDE**2)  # numpy would load too early.
         made = _previews.new(name)
         made.image_size = made.icon_size = (_SIDE, _SIDE)
-        made.image_pixels_float.foreach_set(pixels.ravel())
-        made.icon_pixels_float.foreach_set(pixels.ravel())
+        made.image_pixels_float.foreach_set(pixels)
+        made.icon_pixels_float.foreach_set(pixels)
     return _previews[name].icon_id
 
 
