@@ -14,6 +14,7 @@ from torch.nn import functional
 from arm_blender import networks
 from arm_blender.config import Settings
 from arm_blender.models.network_views import network_views
+from arm_blender.models.small.finish import COUNT, Finish, summary
 from arm_blender.structures import TriangleMesh, ViewSet
 from arm_blender.uv.backproject import backproject
 from arm_blender.uv.blend import blend
@@ -70,6 +71,21 @@ def on_atlas(network: nn.Module, views: ViewSet) -> Tensor:
     return torch.cat([colors.flatten(), log_gain(*read).flatten()])
 
 
+def of_evidence(network: Finish, _: ViewSet) -> Tensor:
+    """What both read-outs say of evidence about as usual, and of any score of metal: a ceiling is for high ones."""
+    generator, answers = torch.Generator().manual_seed(0), []
+    for readout in (network.several, network.few):
+        deviations = torch.randn(256, COUNT, generator=generator)
+        found = readout.point.mean + deviations / readout.point.scale
+        answer, _ = network.answer(readout, found.detach(), summary(found.detach()))
+        answers += [answer.flatten(), readout.metal(torch.linspace(-50.0, 50.0, 101))]
+    return torch.cat(answers)
+
+
+ANSWERS = {"instant_albedo": on_atlas, "finish": of_evidence}
+"""Of a network; `at_points` of any other."""
+
+
 def silent(network: nn.Module, gradients: dict[str, Tensor]) -> list[str]:
     """Names of tensors without any gradient, and of weights whose input columns have none, with those."""
     found = []
@@ -87,13 +103,13 @@ def silent(network: nn.Module, gradients: dict[str, Tensor]) -> list[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", list(networks.NETWORKS))
+@pytest.mark.parametrize("name", Settings().networks)
 def test_what_ships_has_no_weight_without_a_say(name, inputs):
     network = networks.read(name, Settings().weights(name))
     gradients = {path: torch.zeros_like(parameter) for path, parameter in network.named_parameters()}
     for views in inputs:
         network.zero_grad()
-        answers = on_atlas(network, views) if name == "instant_albedo" else at_points(network, views)
+        answers = ANSWERS.get(name, at_points)(network, views)
         # At random signs, so that nothing cancels.
         (answers * torch.randn(answers.shape, generator=torch.Generator().manual_seed(1))).sum().backward()
         for path, parameter in network.named_parameters():
