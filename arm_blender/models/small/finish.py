@@ -123,9 +123,14 @@ class Finish(nn.Module):
             return self.usual(points)
         return self.read(evidence(points), views)
 
+    @property
+    def usual_roughness(self) -> Tensor:
+        """() of what nothing is known of, in [0, 1]."""
+        return self.several.answer.bias[0].clamp(0.0, 1.0)
+
     def usual(self, points: SeenPoints) -> FoundFinish:
         """The same finish for all points."""
-        rough = self.several.answer.bias[0].clamp(0.0, 1.0).expand(points.position.shape[1])
+        rough = self.usual_roughness.expand(points.position.shape[1])
         none = torch.zeros_like(rough)
         return FoundFinish(rough, none, none, rough.new_zeros(()))
 
@@ -162,7 +167,7 @@ class Finish(nn.Module):
         covered = surface[0] > 0.0
         result = surface.new_zeros(2, *covered.shape)
         if points is None:
-            result[0, covered] = self.several.answer.bias[0].clamp(0.0, 1.0)
+            result[0, covered] = self.usual_roughness
             return result
         found = self(points)
         values = torch.stack([found.roughness, found.metallic], dim=1)
