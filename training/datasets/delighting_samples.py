@@ -15,14 +15,11 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from arm_blender.config import PRESETS
 from arm_blender.graphics.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 from arm_blender.graphics.meshes import sample_surface, vertex_normals
-from arm_blender.graphics.surface.fairing import fair
 from arm_blender.models.small.delighting import SeenPoints
 from arm_blender.structures import TriangleMesh
 from arm_blender.uv.backproject import BackprojectConfig, look, sight
-from arm_blender.uv.decimate import clean, decimate
 from arm_blender.uv.view_sampling import sample_view
 
 from ..rasterized import pictures as rasterized
@@ -71,11 +68,9 @@ def prepare(folder: Path, cache: Path, shapes: Shapes, library: Library, copies:
         wanted = [cache / f"{path.parent.name}.{path.stem}.{k}.npz" for k in range(1 + copies)]
         if all(target.exists() for target in wanted):
             continue
-        mesh = shapes.mesh(path)
+        mesh = shapes.refined(path, FACES)
         if not len(mesh.faces):
             continue
-        # As the program does.
-        mesh = decimate(fair(clean(mesh), PRESETS["small"].fairing), FACES)
         for k, target in enumerate(wanted):
             if not target.exists():
                 found = carried(mesh, _rig(path, k, library, cache), torch.Generator().manual_seed(0))

@@ -14,12 +14,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from arm_blender.config import PRESETS
-from arm_blender.graphics.surface.fairing import fair
 from arm_blender.models.small.delighting import SeenPoints
 from arm_blender.models.small.finish_evidence import evidence
 from arm_blender.structures import TriangleMesh
-from arm_blender.uv.decimate import clean, decimate
 
 from ..rendering import shards
 from .delighting_samples import FACES, FEWEST, carried
@@ -73,11 +70,10 @@ def prepare(folder: Path, cache: Path, shapes: Shapes) -> int:
             wanted = {k: cache / f"{path.parent.name}.{path.stem}.{kind}.{k}.npz" for k in VIEWS}
             if all(target.exists() for target in wanted.values()):
                 continue
-            mesh = shards.read_mesh(path.with_name("mesh.npz")) if kind == "true" else shapes.mesh(path)
+            true = kind == "true"
+            mesh = shards.read_mesh(path.with_name("mesh.npz")) if true else shapes.refined(path, FACES)
             if not len(mesh.faces):
                 continue
-            if kind == "georm":  # As the program does.
-                mesh = decimate(fair(clean(mesh), PRESETS["small"].fairing), FACES)
             _save(mesh, path, wanted)
         if number % 20 == 0:
             logger.info("prepared %s", path.parent.name)

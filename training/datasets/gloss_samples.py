@@ -10,15 +10,20 @@ import torch
 from torch import Tensor
 
 from arm_blender import networks
+from arm_blender.config import PRESETS, QUALITIES
 from arm_blender.errors import EmptyMeshError
+from arm_blender.graphics.surface.fairing import fair
 from arm_blender.graphics.surface.isosurface import extract
 from arm_blender.graphics.surface.sample_grid import IsosurfaceConfig
 from arm_blender.models.network_views import PictureConfig
+from arm_blender.refinement.refine import refine
 from arm_blender.structures import TriangleMesh
+from arm_blender.uv.decimate import clean, decimate
 from arm_blender.weight_files import checkpoints
 
 from ..rendering import shards
 from . import view_samples
+from .point_samples import input_views
 from .view_samples import ViewSample
 
 logger = logging.getLogger(__name__)
@@ -72,6 +77,20 @@ class Shapes:
             vertices, faces = self._made(path)
             shards.save_arrays(kept, {"vertices": vertices.numpy(), "faces": faces.numpy().astype(np.int32)})
         return shards.read_mesh(kept)
+
+    def refined(self, path: Path, faces: int) -> TriangleMesh:
+        """What the program makes of that: cleaned, faired, moved to meet the input views, decimated to `faces`."""
+        kept = None if self.folder is None else self.folder / f"{path.parent.name}.{path.stem}.{self._mark}.{faces}.npz"
+        if kept is not None and kept.exists():
+            return shards.read_mesh(kept)
+        mesh = self.mesh(path)
+        if len(mesh.faces):
+            views = input_views(shards.arrays(path, "rgba", "c2w", "K"), path.parent.name)
+            smooth = fair(clean(mesh), PRESETS["small"].fairing)
+            mesh = decimate(refine(smooth, views, QUALITIES["balanced"].refinement).mesh, faces)
+        if kept is not None:
+            shards.save_arrays(kept, {"vertices": mesh.vertices.numpy(), "faces": mesh.faces.numpy().astype(np.int32)})
+        return mesh
 
     @torch.no_grad()
     def _made(self, path: Path) -> tuple[Tensor, Tensor]:

@@ -18,6 +18,9 @@ from arm_blender.structures import ViewSet
 from .. import options
 from ..rendering import shards
 
+INPUTS = 6
+"""The first views of a rig are what a network sees."""
+
 HELD_OUT_EVERY = 32
 """One object in so many validates."""
 
@@ -42,14 +45,18 @@ class PointSample:
         return int((self.distance > -0.02).sum()) > 100 and bool((self.views.silhouette[:, :, 0] > 0.5).any())
 
 
+def input_views(rig: shards.Arrays, name: str) -> ViewSet:
+    """The first six views of a rig (its rgba, c2w and K), as a user brings them."""
+    images = torch.from_numpy(rig["rgba"][:INPUTS]).permute(0, 3, 1, 2).float() / 255.0
+    linear = torch.cat([linear_from_srgb(images[:, :3]), images[:, 3:]], dim=1)
+    return ViewSet(linear, shards.cameras(rig)[:INPUTS], torch.ones(len(linear)), name)
+
+
 def load_occupancy(path: Path) -> PointSample:
     """Signed distances around the object of one `rig_<k>.npz`."""
     # What is asked for; decompressing all would take three times as long.
     arrays = shards.arrays(path, "rgba", "c2w", "K")
-    images = torch.from_numpy(arrays["rgba"][:6]).permute(0, 3, 1, 2).float() / 255.0
-    linear = torch.cat([linear_from_srgb(images[:, :3]), images[:, 3:]], dim=1)
-    seen = ViewSet(linear, shards.cameras(arrays)[:6], torch.ones(6), path.parent.name)
-    views = network_views(seen, PRESETS["small"].georm)
+    views = network_views(input_views(arrays, path.parent.name), PRESETS["small"].georm)
     compact = NetworkViews((views.images * 255.0).round().byte(), views.silhouette.half(), views.c2w, views.K)
     with np.load(path.with_name("occupancy.npz")) as file:
         return PointSample(compact, torch.from_numpy(file["points"]), torch.from_numpy(file["distance"]))

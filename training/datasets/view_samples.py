@@ -11,17 +11,12 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from arm_blender.graphics.cameras import Camera
-from arm_blender.graphics.color import linear_from_srgb
 from arm_blender.models.network_views import NetworkViews, PictureConfig, network_views
-from arm_blender.structures import ViewSet
 
 from ..losses import SurfaceMaps
 from ..rendering import shards
 from ..volume_rendering import Rays, pixel_rays
-from .point_samples import rotation_z
-
-INPUTS = 6
-"""The first views of a rig are what the network sees."""
+from .point_samples import input_views, rotation_z
 
 
 @dataclass(frozen=True)
@@ -65,12 +60,9 @@ def load(path: Path, config: PictureConfig) -> ViewSample:
     """The sample of one `rig_<k>.npz`, for networks of `config`."""
     names = ("rgba", "depth", "normal", "c2w", "K")
     arrays = shards.arrays(path, *names)
-    images = torch.from_numpy(arrays["rgba"]).permute(0, 3, 1, 2).float() / 255.0
-    linear = torch.cat([linear_from_srgb(images[:INPUTS, :3]), images[:INPUTS, 3:]], dim=1)
-    cameras = shards.cameras(arrays)
-    views = ViewSet(linear, cameras[:INPUTS], torch.ones(len(linear)), path.parent.name)
+    views = input_views(arrays, path.parent.name)
     truth = SurfaceMaps(
-        images[:, 3],
+        torch.from_numpy(arrays["rgba"][..., 3]).float() / 255.0,
         torch.from_numpy(arrays["depth"].astype(np.float32)),
         torch.from_numpy(arrays["normal"]).permute(0, 3, 1, 2).float() / 127.0,
     )
