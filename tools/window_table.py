@@ -49,7 +49,7 @@ def document(found: dict[str, dict], machine: str) -> str:
     longest = "\n".join(f"| {stage} | {seconds:.2f} s |" for stage, seconds in silences.items())
     return f"""# The user interface, measured
 
-`make test-ui` writes this page. It starts a real Blender with a window, clicks *Generate* for `examples/barrel` in
+`make test-ui` writes this page. It starts a real Blender with a window, clicks *Generate* for the example in
 draft quality with the mouse, presses Esc at every stage, undoes, opens a file, quits and disables the extension while a
 run is going on; it goes from photographs to an asset: choose them, *Solve Cameras*, *Edit Mask*, *Generate*; and it
 makes a region of a result chrome. It needs a Debian with root rights, and fills a folder of its own

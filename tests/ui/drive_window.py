@@ -23,7 +23,7 @@ from walk_photographs import photographs
 from watch import Watch, stage_of
 from window import EXTENSION, OUT, PROJECT, area, in_view, module, shoot, state, window
 
-VIEWS = str(PROJECT / "examples" / "barrel")
+VIEWS = str(PROJECT / "arm_blender" / "examples" / "barrel")
 ESC_AT = 400, 400
 """A pixel of the 3D view, where no button is."""
 STEP = 0.005
