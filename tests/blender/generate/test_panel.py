@@ -15,7 +15,7 @@ from arm_blender.views import foreground
 from arm_blender.views.image_io import write_png
 
 bpy = pytest.importorskip("bpy")
-from arm_blender.blender.generate import matting_operator  # noqa: E402
+from arm_blender.blender.generate import matting_operator, notices, result_panel  # noqa: E402
 from arm_blender.blender.generate import panel as panels  # noqa: E402
 from arm_blender.blender.input import request, view_list  # noqa: E402
 from arm_blender.blender.input.looking import Look  # noqa: E402
@@ -125,7 +125,7 @@ def test_a_folder_of_own_weights_is_asked_for_apart_and_named_beside_its_result(
     assert drawn(panels.ARM_PT_advanced)["prop"] == ["own_weights", "finish"]
     for folder, named in ((None, False), (Path("gone/of mine/"), True)):
         build_object(asset, GenerationRequest(Path("cup"), weights_folder=folder).record(None).as_json(None))
-        assert ("weights of of mine" in drawn(panels.ARM_PT_result)["label"]) is named
+        assert ("weights of of mine" in drawn(result_panel.ARM_PT_result)["label"]) is named
 
 
 def test_a_view_that_shows_nothing_has_no_weight(settings):
@@ -194,7 +194,7 @@ def test_an_error_that_a_matting_model_would_mend_has_it_as_a_button(settings, m
     state.error = "cup.png: no foreground found (no matting model is there); or get a matting model: weights"
     assert ("arm.get_matting_model" in drawn()["operator"]) is not there
     assert "arm.edit_mask" not in drawn()["operator"], "a camera has no file to paint a mask for"
-    state.error = f"{Path('cup.png').absolute()}{panels.NO_FOREGROUND} (it is foggy)"
+    state.error = f"{Path('cup.png').absolute()}{notices.NO_FOREGROUND} (it is foggy)"
     assert "arm.edit_mask" in drawn()["operator"]
     state.error = f"{Path('cup.png').absolute()}: not a readable picture"
     assert not {"arm.get_matting_model", "arm.edit_mask"} & set(drawn()["operator"])
@@ -204,7 +204,7 @@ def test_what_the_panel_knows_of_an_error_is_what_is_raised(settings, tmp_path, 
     monkeypatch.setattr(foreground, "WAYS", {})
     write_png(tmp_path / "fog.png", torch.full((3, 64, 64), 0.5), srgb=True)
     settings.views_path = str(tmp_path / "fog.png")
-    with pytest.raises(RuntimeError, match=f"fog.png{panels.NO_FOREGROUND}") as raised:
+    with pytest.raises(RuntimeError, match=f"fog.png{notices.NO_FOREGROUND}") as raised:
         bpy.ops.arm.look()
     assert matting_operator.wants_matting(str(raised.value))
 
@@ -221,12 +221,12 @@ def test_a_result_is_described_and_recalled_and_made_anew_where_its_views_are_kn
     report = {"faces": 576, "texture_size": 16, "seconds": {"shape": 1.25, "appearance": 2.0}}
     record = replace(GenerationRequest(Path("cup"), quality="draft").record(None), report=report)
     built = build_object(asset, record.as_json(None))
-    assert panels.ARM_PT_result.poll(bpy.context)
-    seen = drawn(panels.ARM_PT_result)
+    assert result_panel.ARM_PT_result.poll(bpy.context)
+    seen = drawn(result_panel.ARM_PT_result)
     assert seen["prop"] == ["arm_view"] and seen["operator"] == ["arm.recall"], "without a frame none of its views"
     built["arm_settings"] = json.dumps(replace(record, frame=(1.0, 0.0, 0.0, 0.0)).as_json(None))
-    seen = drawn(panels.ARM_PT_result)
+    seen = drawn(result_panel.ARM_PT_result)
     assert seen["operator"] == ["arm.regenerate", "arm.recall"]
     assert seen["label"] == ["small, draft, seed 0", "576 faces, texture 16", "shape: 1.2 s", "appearance: 2.0 s"]
     built["arm_settings"] = "{}"
-    assert any("generate it anew" in line for line in [" ".join(drawn(panels.ARM_PT_result)["label"])])
+    assert any("generate it anew" in line for line in [" ".join(drawn(result_panel.ARM_PT_result)["label"])])

@@ -1,0 +1,50 @@
+"""The part "Result" of the "ARM" tab."""
+
+import bpy
+
+from ...asset_record import AssetRecord
+from ...errors import ArmError
+from ..input import request
+from ..layout import InSidebar
+from .notices import draw_error
+
+
+class ARM_PT_result(InSidebar, bpy.types.Panel):
+    """What the active result was made with, what it shows, and its appearance made anew"""
+
+    bl_label = "Result"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return context.object is not None and "arm_settings" in context.object
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, shown = self.layout, context.object
+        if shown.active_material is not None:
+            layout.prop(shown.active_material, "arm_view")
+        try:
+            kept = request.stored_record(shown)
+        except ArmError as error:
+            draw_error(layout, context, str(error))
+            return
+        for why in (kept.report or {}).get("doubts", ()):
+            draw_error(layout, context, f"Doubtful: {why}")
+        _draw_report(layout, kept)
+        if kept.frame is not None:  # Earlier versions of the command line kept neither frame nor views.
+            layout.operator("arm.regenerate", icon="FILE_REFRESH")
+        layout.operator("arm.recall", icon="LOOP_BACK")
+
+
+def _draw_report(layout: bpy.types.UILayout, kept: AssetRecord) -> None:
+    chosen, report = kept.chosen, kept.report or {}
+    column = layout.column(align=True)
+    column.label(text=f"{chosen['preset']}, {chosen['quality']}, seed {chosen['seed']}")
+    if chosen["weights_folder"] is not None:
+        column.label(text=f"weights of {chosen['weights_folder'].name}")
+    if report.get("faces") is not None:
+        column.label(text=f"{report['faces']:,} faces, texture {report['texture_size']}")
+    for stage, seconds in report.get("seconds", {}).items():
+        column.label(text=f"{stage}: {seconds:.1f} s")
+
+
+register, unregister = bpy.utils.register_classes_factory((ARM_PT_result,))
