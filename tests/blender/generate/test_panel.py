@@ -111,6 +111,17 @@ def test_only_what_the_views_need_is_shown(settings, kind, names, shown, hidden)
     assert len(seen["icon"]) == 2 * len(names), "each view has its picture and its foreground"
 
 
+def test_who_has_chosen_nothing_is_told_what_to_do_and_given_the_example(settings):
+    seen = drawn()
+    assert "arm.load_example" in seen["operator"] and "try the example" in " ".join(seen["label"])
+    settings.views_path = "//cup"
+    assert "arm.load_example" not in drawn()["operator"]
+    settings.source = "CAMERAS"
+    assert "arm.load_example" in drawn()["operator"]
+    bpy.data.cameras.new("front").background_images.new()
+    assert "arm.load_example" not in drawn()["operator"]
+
+
 def test_the_list_of_other_views_is_not_shown(settings):
     listed(settings, "rig", list("012345"))
     settings.views_path = "//other"
