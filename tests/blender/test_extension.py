@@ -138,7 +138,7 @@ def test_a_cancelled_generation_makes_nothing_and_is_no_error(extension, monkeyp
 
 
 def test_without_views_the_user_is_told_what_to_do(extension):
-    with pytest.raises(RuntimeError, match="Choose an image or a folder"):
+    with pytest.raises(RuntimeError, match="Choose pictures first"):
         bpy.ops.arm.generate()
 
 

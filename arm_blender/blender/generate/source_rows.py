@@ -62,6 +62,8 @@ def _draw_seen(layout: bpy.types.UILayout, context: bpy.types.Context, listed: b
         _draw_picture(layout, context)
     elif listed:
         _draw_views(layout, context)
+    if listed and not view_list.is_looking() and view_list.found(context) is None:  # A file that was opened.
+        draw_notice(layout, "Press Refresh, above, to see the pictures", line_width(context), icon="INFO")
     if listed:
         draw_photograph_rows(layout, context, line_width(context))
 

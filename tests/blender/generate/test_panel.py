@@ -122,6 +122,13 @@ def test_who_has_chosen_nothing_is_told_what_to_do_and_given_the_example(setting
     assert "arm.load_example" not in drawn()["operator"]
 
 
+def test_a_list_that_was_saved_asks_for_a_look_at_its_pictures(settings, monkeypatch):
+    listed(settings, "posed", ["a.png", "b.png"])
+    assert "Press Refresh" in " ".join(drawn()["label"])
+    monkeypatch.setattr(view_list, "found", lambda context: Look("posed", (), ()))
+    assert "Press Refresh" not in " ".join(drawn()["label"])
+
+
 def test_the_list_of_other_views_is_not_shown(settings):
     listed(settings, "rig", list("012345"))
     settings.views_path = "//other"
