@@ -39,6 +39,11 @@ def draw_choice(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, n
     row.prop(settings, name, expand=True)
 
 
+def title_of(settings: bpy.types.PropertyGroup, name: str) -> str:
+    """What the panel calls the chosen item of an enumeration."""
+    return str(settings.bl_rna.properties[name].enum_items[getattr(settings, name)].name)
+
+
 def redraw_sidebars(context: bpy.types.Context) -> None:
     """Ask every 3D view to draw its sidebar anew, and not the scene, which may take long."""
     for window in context.window_manager.windows:

@@ -3,7 +3,7 @@
 import bpy
 
 from ...quality_levels import PRESET, measured_levels
-from ..layout import InSidebar, draw_choice
+from ..layout import InSidebar, draw_choice, draw_notice, line_width, title_of
 from ..setup import background, runtime
 from ..setup.stored import BASE_PACKAGE
 from .notices import draw_error
@@ -33,14 +33,12 @@ class ARM_PT_generate(InSidebar, bpy.types.Panel):
         if settings.shape == "MESH":
             _draw_own_mesh(options, context)
         options.separator()
-        options.prop(settings, "preset")
         options.prop(settings, "quality")
-        _draw_measured(options, settings)
+        _draw_measured(options, context)
         options.prop(settings, "texture_size")
         if settings.shape == "NETWORK":
             options.prop(settings, "faces")
             options.prop(settings, "normal_map")
-        options.prop(settings, "seed")
         options.separator()
         if settings.shape == "NETWORK":
             options.prop(settings, "placement")
@@ -74,8 +72,8 @@ class ARM_PT_advanced(InSidebar, bpy.types.Panel):
         options.enabled = not is_running()
         options.use_property_split = True
         options.use_property_decorate = False
-        options.prop(context.scene.arm, "own_weights")
-        options.prop(context.scene.arm, "finish")
+        for name in ("preset", "own_weights", "finish", "seed"):
+            options.prop(context.scene.arm, name)
 
 
 def _draw_setup(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
@@ -100,19 +98,23 @@ def _draw_own_mesh(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
         layout.label(text=f"{chosen.name}, {uvs}", icon="MESH_DATA")
 
 
-def _draw_measured(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
+def _draw_measured(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """What the quality takes and gives, as far as it was measured."""
-    if settings.preset != PRESET:
-        return
-    level = measured_levels()[settings.quality]
-    own_mesh = settings.shape == "MESH"
-    seconds = sum(value for stage, value in level.seconds.items() if stage != "shape" or not own_mesh)
-    column = layout.column(align=True)
+    settings = context.scene.arm
+    column = layout.column()
     column.active = False
-    column.label(text=f"Measured: {seconds:.0f} s", icon="INFO")
-    if not own_mesh:
-        column.label(text=f"Chamfer distance {level.chamfer:.3f}", icon="BLANK1")
-    column.label(text=f"Color {level.psnr:.1f} dB", icon="BLANK1")
+    if settings.preset != PRESET:
+        told = f"Networks: {title_of(settings, 'preset')}, as set in Advanced"
+    else:
+        level = measured_levels()[settings.quality]
+        if settings.shape == "MESH":
+            seconds = sum(value for stage, value in level.seconds.items() if stage != "shape")
+            close = f"colors off by {level.off_in_color:.0%}"
+        else:
+            seconds = sum(level.seconds.values())
+            close = f"shape off by {level.off_in_shape:.0%} of its size, colors by {level.off_in_color:.0%}"
+        told = f"About {seconds:.0f} seconds on two processor cores; {close}"
+    draw_notice(column, told, line_width(context), icon="INFO")
 
 
 classes = (ARM_PT_generate, ARM_PT_advanced)

@@ -4,9 +4,11 @@ import bpy
 
 from ...asset_record import AssetRecord
 from ...errors import ArmError
+from ...quality_levels import PRESET
 from ..input import request
 from ..layout import InSidebar
 from .notices import draw_error
+from .remaining import clock
 
 
 class ARM_PT_result(InSidebar, bpy.types.Panel):
@@ -36,15 +38,18 @@ class ARM_PT_result(InSidebar, bpy.types.Panel):
 
 
 def _draw_report(layout: bpy.types.UILayout, kept: AssetRecord) -> None:
+    """What an artist asks of a result; report.json has the rest."""
     chosen, report = kept.chosen, kept.report or {}
     column = layout.column(align=True)
-    column.label(text=f"{chosen['preset']}, {chosen['quality']}, seed {chosen['seed']}")
+    column.label(text=f"{chosen['quality'].title()} quality, seed {chosen['seed']}")
+    if chosen["preset"] != PRESET:
+        column.label(text=f"Networks of {chosen['preset']}")
     if chosen["weights_folder"] is not None:
-        column.label(text=f"weights of {chosen['weights_folder'].name}")
+        column.label(text=f"Weights of {chosen['weights_folder'].name}")
     if report.get("faces") is not None:
-        column.label(text=f"{report['faces']:,} faces, texture {report['texture_size']}")
-    for stage, seconds in report.get("seconds", {}).items():
-        column.label(text=f"{stage}: {seconds:.1f} s")
+        column.label(text=f"{report['faces']:,} faces, texture of {report['texture_size']} pixels")
+    if report.get("seconds"):
+        column.label(text=f"Made in {clock(sum(report['seconds'].values()))}")
 
 
 register, unregister = bpy.utils.register_classes_factory((ARM_PT_result,))

@@ -25,6 +25,7 @@ class ARM_OT_relight(bpy.types.Operator):
 
     what: EnumProperty(
         name="What",
+        description="One picture, or one full turn",
         items=(("STILL", "Still", "One picture"), ("SEQUENCE", "Sequence", "One full turn, and its video")),
         default="STILL",
         options={"SKIP_SAVE"},

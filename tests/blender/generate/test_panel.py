@@ -140,10 +140,10 @@ def test_a_folder_of_own_weights_is_asked_for_apart_and_named_beside_its_result(
     from arm_blender.blender.input.generation_request import GenerationRequest
 
     assert "own_weights" not in drawn()["prop"]
-    assert drawn(panels.ARM_PT_advanced)["prop"] == ["own_weights", "finish"]
+    assert drawn(panels.ARM_PT_advanced)["prop"] == ["preset", "own_weights", "finish", "seed"]
     for folder, named in ((None, False), (Path("gone/of mine/"), True)):
         build_object(asset, GenerationRequest(Path("cup"), weights_folder=folder).record(None).as_json(None))
-        assert ("weights of of mine" in drawn(result_panel.ARM_PT_result)["label"]) is named
+        assert ("Weights of of mine" in drawn(result_panel.ARM_PT_result)["label"]) is named
 
 
 def test_a_view_that_shows_nothing_has_no_weight(settings):
@@ -182,19 +182,23 @@ def test_an_own_mesh_needs_no_faces_and_no_place(settings):
 
 
 @pytest.mark.parametrize("quality", ["draft", "balanced", "final"])
-def test_a_quality_says_what_was_measured_and_a_preset_without_measurements_nothing(settings, quality):
+def test_a_quality_says_in_an_artist_s_words_what_was_measured(settings, quality):
     settings.quality = quality
     level = measured_levels()[quality]
-    expected = {
-        f"Measured: {sum(level.seconds.values()):.0f} s",
-        f"Chamfer distance {level.chamfer:.3f}",
-        f"Color {level.psnr:.1f} dB",
-    }
-    assert expected <= set(drawn()["label"])
+    color = 100.0 * 10.0 ** (-level.psnr / 20.0)
+    said = " ".join(drawn()["label"])
+    assert f"About {sum(level.seconds.values()):.0f} seconds on two processor cores" in said
+    assert f"shape off by {100.0 * level.chamfer / 4.0:.0f}% of its size, colors by {color:.0f}%" in said
     settings.shape = "MESH"
-    assert f"Measured: {sum(level.seconds.values()) - level.seconds['shape']:.0f} s" in drawn()["label"]
+    said = " ".join(drawn()["label"])
+    assert f"About {sum(level.seconds.values()) - level.seconds['shape']:.0f} seconds" in said
+    assert f"colors off by {color:.0f}%" in said and "shape off" not in said
+
+
+def test_networks_that_were_not_measured_are_named_and_nothing_is_promised(settings):
     settings.preset = "paper"
-    assert not [line for line in drawn()["label"] if "Measured" in line]
+    said = " ".join(drawn()["label"])
+    assert "Networks: Paper, as set in Advanced" in said and "seconds" not in said
 
 
 def test_a_long_error_is_shown_whole(settings):
@@ -245,6 +249,6 @@ def test_a_result_is_described_and_recalled_and_made_anew_where_its_views_are_kn
     built["arm_settings"] = json.dumps(replace(record, frame=(1.0, 0.0, 0.0, 0.0)).as_json(None))
     seen = drawn(result_panel.ARM_PT_result)
     assert seen["operator"] == ["arm.regenerate", "arm.recall"]
-    assert seen["label"] == ["small, draft, seed 0", "576 faces, texture 16", "shape: 1.2 s", "appearance: 2.0 s"]
+    assert seen["label"] == ["Draft quality, seed 0", "576 faces, texture of 16 pixels", "Made in 0:03"]
     built["arm_settings"] = "{}"
     assert any("generate it anew" in line for line in [" ".join(drawn(result_panel.ARM_PT_result)["label"])])
