@@ -113,7 +113,7 @@ def test_an_error_is_reported_and_nothing_is_made(extension, monkeypatch, tmp_pa
 def test_a_failure_stays_in_the_panel_until_the_next_run(extension, answer, tmp_path):
     with pytest.raises(RuntimeError):
         bpy.ops.arm.generate()
-    assert "Choose an image" in bpy.context.window_manager.arm.error
+    assert "Choose pictures first" in bpy.context.window_manager.arm.error
     bpy.ops.arm.generate(filepath=str(tmp_path))
     assert bpy.context.window_manager.arm.error == ""
 

@@ -14,7 +14,8 @@ SMALL = {"a", "an", "and", "as", "by", "for", "from", "in", "its", "of", "on", "
 """Words that stay small in a title."""
 INTERNAL = {"views", "photographs", "views_of", "views_kind", "sees", "way", "doubt", "view", "picture"}
 INTERNAL |= {"directory", "files", "filepath", "filter_folder", "filter_image", "filter_movie", "filter_glob"}
-INTERNAL |= {"registered", "doubtful", "short", "whole", "fraction", "message", "time", "error", "views_error", "told"}
+INTERNAL |= {"registered", "doubtful", "short", "whole", "fraction", "message", "time", "error", "views_error"}
+INTERNAL |= {"told", "newest", "hidden_by"}
 """Never shown as properties."""
 
 

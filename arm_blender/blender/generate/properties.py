@@ -112,13 +112,15 @@ ARM_PG_settings.__annotations__.update(properties())
 
 
 class ARM_PG_state(bpy.types.PropertyGroup):
-    """How the running job stands and how the last one failed, for the panel; never saved."""
+    """How the running job stands, how the last one failed or what it made, for the panel; never saved."""
 
     fraction: FloatProperty(name="Progress", subtype="FACTOR", min=0.0, max=1.0, options={"SKIP_SAVE"})
     message: StringProperty(name="Message", options={"SKIP_SAVE"})
     time: StringProperty(name="Time", options={"SKIP_SAVE"})
     error: StringProperty(name="Error", options={"SKIP_SAVE"})
     views_error: StringProperty(name="Error of the Views", options={"SKIP_SAVE"})
+    newest: StringProperty(name="Newest Result", options={"SKIP_SAVE"})
+    hidden_by: StringProperty(name="What the Newest Result Lies Inside Of", options={"SKIP_SAVE"})
 
 
 classes = (ARM_PG_view, ARM_PG_photograph, ARM_PG_settings, ARM_PG_state)

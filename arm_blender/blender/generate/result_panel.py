@@ -6,7 +6,8 @@ from ...asset_record import AssetRecord
 from ...errors import ArmError
 from ...quality_levels import PRESET
 from ..input import request
-from ..layout import InSidebar
+from ..layout import InSidebar, draw_notice, line_width
+from .hiding import hides
 from .notices import draw_error
 from .remaining import clock
 
@@ -22,6 +23,7 @@ class ARM_PT_result(InSidebar, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, shown = self.layout, context.object
+        _draw_what_hides(layout, context)
         if shown.active_material is not None:
             layout.prop(shown.active_material, "arm_view")
         try:
@@ -35,6 +37,19 @@ class ARM_PT_result(InSidebar, bpy.types.Panel):
         if kept.frame is not None:  # Earlier versions of the command line kept neither frame nor views.
             layout.operator("arm.regenerate", icon="FILE_REFRESH")
         layout.operator("arm.recall", icon="LOOP_BACK")
+
+
+def _draw_what_hides(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Why a result may not be seen, or not its materials, and the button that shows them."""
+    shown, state, space = context.object, context.window_manager.arm, context.space_data
+    hider = bpy.data.objects.get(state.hidden_by) if state.newest == shown.name else None
+    if hider is not None and space.local_view is None and hides(hider, shown):
+        draw_notice(layout, f"{hider.name} hides it", line_width(context))
+        layout.operator("view3d.localview", text="Show It Alone", icon="HIDE_OFF")
+    shading = space.shading
+    if shading.type in ("WIREFRAME", "SOLID") and shading.color_type != "TEXTURE":
+        draw_notice(layout, "This shading shows no materials", line_width(context), icon="INFO")
+        layout.prop_enum(shading, "type", "MATERIAL")
 
 
 def _draw_report(layout: bpy.types.UILayout, kept: AssetRecord) -> None:

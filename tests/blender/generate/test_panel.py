@@ -55,6 +55,9 @@ class Layout:
     def template_list(self, kind, name, data, listed, *rest, **options):
         self.seen["prop"].append(listed)
 
+    def prop_enum(self, data, name, value):
+        self.seen["prop"].append(value)
+
     def separator(self): ...
 
 
@@ -65,12 +68,15 @@ def settings(empty_file):
     arm_blender.unregister()
 
 
-def drawn(panel=None) -> dict[str, list]:
+def drawn(panel=None, shading="MATERIAL") -> dict[str, list]:
     context = types.SimpleNamespace(
         scene=bpy.context.scene,
         window_manager=bpy.context.window_manager,
         object=bpy.context.object,
         mode=bpy.context.mode,
+        space_data=types.SimpleNamespace(
+            local_view=None, shading=types.SimpleNamespace(type=shading, color_type="MATERIAL")
+        ),
         preferences=types.SimpleNamespace(system=types.SimpleNamespace(ui_scale=1.0)),  # 0 without a window.
         region=types.SimpleNamespace(width=280),
     )
@@ -252,3 +258,24 @@ def test_a_result_is_described_and_recalled_and_made_anew_where_its_views_are_kn
     assert seen["label"] == ["Draft quality, seed 0", "576 faces, texture of 16 pixels", "Made in 0:03"]
     built["arm_settings"] = "{}"
     assert any("generate it anew" in line for line in [" ".join(drawn(result_panel.ARM_PT_result)["label"])])
+
+
+def test_a_result_that_cannot_be_seen_says_why(settings, asset):
+    from arm_blender.blender.asset.scene import build_object
+    from arm_blender.blender.generate.hiding import hider_of
+
+    bpy.ops.mesh.primitive_cube_add(size=4.0)
+    cube = bpy.context.object
+    built = build_object(asset, {})
+    assert hider_of(bpy.context, built) is cube and hider_of(bpy.context, cube) is None
+    state = bpy.context.window_manager.arm
+    state.newest, state.hidden_by = built.name, cube.name
+    seen = drawn(result_panel.ARM_PT_result)
+    assert "Cube hides it" in seen["label"] and "view3d.localview" in seen["operator"]
+    cube.hide_set(True)
+    assert "Cube hides it" not in drawn(result_panel.ARM_PT_result)["label"] and hider_of(bpy.context, built) is None
+    cube.hide_set(False)
+    cube.location.x = 3.0
+    assert hider_of(bpy.context, built) is None
+    assert "MATERIAL" not in drawn(result_panel.ARM_PT_result)["prop"]
+    assert "MATERIAL" in drawn(result_panel.ARM_PT_result, "SOLID")["prop"]
