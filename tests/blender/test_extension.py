@@ -128,6 +128,14 @@ def test_a_result_that_arrives_in_another_mode_changes_neither_mode_nor_selectio
     assert "ring" in bpy.context.scene.objects
 
 
+@pytest.mark.parametrize(("size", "hider"), [(4.0, "Cube"), (0.5, "")])
+def test_what_hides_a_new_result_is_said(extension, answer, tmp_path, size, hider):
+    bpy.ops.mesh.primitive_cube_add(size=size)
+    bpy.ops.arm.generate(filepath=str(tmp_path))
+    state = bpy.context.window_manager.arm
+    assert (state.newest, state.hidden_by) == ("ring", hider)
+
+
 def test_a_cancelled_generation_makes_nothing_and_is_no_error(extension, monkeypatch, tmp_path):
     def cancelled(request, progress):
         raise Cancelled("stopped by the user")

@@ -53,7 +53,7 @@ class ARM_PG_settings(bpy.types.PropertyGroup):
         name="Pictures",
         description="Where the pictures of the object are",
         items=(
-            ("FILES", "Image or Views", "A picture, a folder of views or of photographs, or a video"),
+            ("FILES", "Picture Files", "A picture, a folder of views or of photographs, or a video"),
             ("CAMERAS", "Scene Cameras", "The background images of the scene's cameras"),
         ),
         default="FILES",

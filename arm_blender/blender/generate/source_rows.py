@@ -26,7 +26,7 @@ def draw_source(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     _draw_seen(layout, context, listed)
     painted = mask_painting.unsaved()
     if painted:
-        layout.operator("arm.use_masks", text=f"Use {len(painted)} Painted", icon="CHECKMARK")
+        layout.operator("arm.use_masks", text=f"Use {len(painted)} Painted Masks", icon="CHECKMARK")
     draw_error(layout, context, context.window_manager.arm.views_error)
     if settings.source == "FILES":
         _draw_told_of_files(layout, settings, settings.views_kind if listed else "")
