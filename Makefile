@@ -12,7 +12,7 @@
 # PLATFORMS=... TORCH_INDEX=...  of `make extension`; PYTHON_313=... TORCH_313=...  of `make test-blender`
 
 PYTHON ?= python3.11
-EXAMPLE ?= $(patsubst %/,%,$(firstword $(dir $(wildcard examples/*/transforms.json))))
+EXAMPLE ?= $(patsubst %/,%,$(firstword $(dir $(wildcard arm_blender/examples/*/transforms.json))))
 
 BIN := .venv/bin
 READY := .venv/.installed
@@ -31,7 +31,7 @@ $(READY): requirements.txt requirements-dev.txt tools/system_libraries.py
 	@touch $@
 
 demo: $(READY)
-	@test -n "$(EXAMPLE)" || { echo "examples/: no views with transforms.json; name some: make demo EXAMPLE=..." >&2; exit 1; }
+	@test -n "$(EXAMPLE)" || { echo "arm_blender/examples/: no views with transforms.json; name some: make demo EXAMPLE=..." >&2; exit 1; }
 	$(BIN)/python -m arm_blender generate $(EXAMPLE) --output out/demo --preview --progress always
 
 test: $(READY)

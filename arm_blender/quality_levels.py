@@ -30,6 +30,16 @@ class MeasuredLevel:
     chamfer: float
     psnr: float
 
+    @property
+    def off_in_shape(self) -> float:
+        """Mean distance from the true surface, as a share of the longest side: the Chamfer distance adds both ways."""
+        return self.chamfer / 2.0 / 2.0
+
+    @property
+    def off_in_color(self) -> float:
+        """Root mean square error of the colour, as a share of the whole range from black to white."""
+        return float(10.0 ** (-self.psnr / 20.0))
+
 
 @functools.cache
 def measured_levels() -> dict[str, MeasuredLevel]:

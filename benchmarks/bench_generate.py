@@ -20,7 +20,7 @@ def main() -> int:
     parser.add_argument("views", type=Path, nargs="?", help="a folder of views; the committed example by default")
     parser.add_argument("--threads", type=int, default=2)
     args = parser.parse_args()
-    views = args.views or next(path.parent for path in sorted(ROOT.glob("examples/*/transforms.json")))
+    views = args.views or next(path.parent for path in sorted(ROOT.glob("arm_blender/examples/*/transforms.json")))
     words = [sys.executable, "-m", "arm_blender"]
     with tempfile.TemporaryDirectory() as folder:
         scratch = Path(folder)

@@ -45,7 +45,7 @@ class Reduced:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--views", type=Path, default=Path("examples/barrel"))
+    parser.add_argument("--views", type=Path, default=Path("arm_blender/examples/barrel"))
     parser.add_argument("--threads", type=int, default=torch.get_num_threads())
     parser.add_argument("--output", type=Path, default=Path("docs/normal-map.md"))
     args = parser.parse_args()

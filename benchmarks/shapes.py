@@ -15,7 +15,7 @@ from arm_blender.uv.decimate import clean, decimate
 from arm_blender.views import load_views
 from arm_blender.views.scene_frame import normalise
 
-EXAMPLE = next(path.parent for path in sorted(Path(__file__).parents[1].glob("examples/*/transforms.json")))
+EXAMPLE = next(path.parent for path in sorted(Path(__file__).parents[1].glob("arm_blender/examples/*/transforms.json")))
 
 
 def waves(points: Tensor) -> Tensor:

@@ -154,7 +154,8 @@ def test_the_code_of_the_python_page_runs(tmp_path, monkeypatch):
     (code,) = re.findall(
         r"^```python\n(.*?)^```", (ROOT / "docs" / "python-api.md").read_text(), re.DOTALL | re.MULTILINE
     )
-    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    (tmp_path / "arm_blender").mkdir()
+    (tmp_path / "arm_blender" / "examples").symlink_to(ROOT / "arm_blender" / "examples")
     monkeypatch.chdir(tmp_path)
     told: dict[str, object] = {}
     exec(compile(code, "python-api.md", "exec"), told)

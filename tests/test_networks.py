@@ -30,7 +30,7 @@ from arm_blender.structures import ViewSet
 from arm_blender.views import load_views
 from arm_blender.weight_files import checkpoints
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "barrel"
+EXAMPLE = Path(__file__).parents[1] / "arm_blender" / "examples" / "barrel"
 SHAPE = ReconstructionConfig(
     encoder=ImageEncoderConfig(image_size=32, patch_size=8, position_grid=4, width=16, depth=1, heads=2),
     transformer=TransformerConfig(width=16, layers=1, heads=2, grid=8),
@@ -308,5 +308,5 @@ for preset in PRESETS.values():
     assert all(value.is_meta for network in networks for value in network.parameters())
 assert "torch._dynamo" not in sys.modules
 """
-    done = subprocess.run([sys.executable, "-c", program], cwd=EXAMPLE.parents[1], capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-c", program], cwd=EXAMPLE.parents[2], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

@@ -58,6 +58,21 @@ def test_weights_of_others_leave_in_no_package():
             assert recorded or ours, f"{place}: the hash of {weights.name}"
 
 
+def test_the_example_leaves_in_the_zip_and_in_the_wheel():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
+    patterns = project["tool"]["setuptools"]["package-data"]["arm_blender"]
+    example = ROOT / "arm_blender" / "examples" / "barrel"
+    files = sorted(example.iterdir())
+    assert [path.name for path in files] == [*(f"{view:03}.png" for view in range(6)), "transforms.json"]
+    for path in files:
+        inside = path.relative_to(ROOT / "arm_blender")
+        assert any(inside.match(pattern) for pattern in patterns), inside
+        for pattern in manifest["build"]["paths_exclude_pattern"]:
+            assert not fnmatch.fnmatch(f"/arm_blender/{inside.as_posix()}", pattern), pattern
+            assert not f"/arm_blender/{inside.as_posix()}".startswith(pattern), pattern
+
+
 def test_a_checkout_may_have_any_name():
     spec = importlib.util.spec_from_file_location("__init__", ROOT / "__init__.py")
     module = importlib.util.module_from_spec(spec)

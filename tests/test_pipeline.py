@@ -23,7 +23,7 @@ from arm_blender.uv.normal_map import DETAIL_TEXELS
 from arm_blender.views import load_views
 from arm_blender.weight_files import checkpoints
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "barrel"
+EXAMPLE = Path(__file__).parents[1] / "arm_blender" / "examples" / "barrel"
 QUICK = Settings(quality="draft", grid=48, faces=1500, texture_size=256)
 
 

@@ -17,16 +17,19 @@ import window_table
 from build_extension import ROOT
 from window_root import Failed, blender_version, inside, make
 
-SCENARIOS = ("pictures", "run", "cancel", "load", "quit", "disable", "engines", "photographs", "doubtful", "materials")
+SCENARIOS = ("pictures", "example", "run", "cancel", "load", "quit", "disable", "engines")
+SCENARIOS += ("photographs", "doubtful", "materials")
 LIMIT = 1200.0
 """Seconds of one scenario; *cancel* begins a run for each of its stages, *photographs* solves cameras."""
-BUTTON = [759, 390]
-"""Generate, in pixels from the lower left of a window of 1100 x 1200 with the views of the example listed."""
+BUTTONS = {"generate": [759, 436], "example": [759, 939]}
+"""In pixels from the lower left of a window of 1100 x 1200: Generate with the views of the example listed, Example
+without any."""
 SIDEBAR = "258x1000+624+86"
 VIEWPORT = "882x1000+0+86"
 """What is cut out of the pictures: the sidebar, and it with its 3D view."""
 PICTURES = {
     "panel": (("idle", "running", "failed", "done"), SIDEBAR, ("-trim",)),
+    "panel-example": (("example-nothing", "example-made"), VIEWPORT, ("-resize", "50%")),
     "panel-doubtful": (("doubtful",), SIDEBAR, ("-trim",)),
     "materials": (("materials-regions", "materials-predicted", "materials-chrome"), VIEWPORT, ("-resize", "50%")),
 }
@@ -81,7 +84,7 @@ def scenario(name: str, root: Path, out: Path) -> None:
     extensions.mkdir(parents=True)
     (extensions / "arm_blender").symlink_to("/mnt/project")
     (out / f"{name}.json").unlink(missing_ok=True)
-    command = ["env", "BLENDER_USER_RESOURCES=/tmp/resources", f"ARM_BUTTON={json.dumps(BUTTON)}", "blender"]
+    command = ["env", "BLENDER_USER_RESOURCES=/tmp/resources", f"ARM_BUTTONS={json.dumps(BUTTONS)}", "blender"]
     command += ["--factory-startup", "--enable-event-simulate", "--window-geometry", "0", "0", "1100", "1200"]
     command += ["--python", "/mnt/project/tests/ui/drive_window.py", "--", name]
     done = inside(root, out, command, LIMIT)

@@ -51,10 +51,11 @@ def _modules() -> tuple[ModuleType, ...]:
         photograph_rows,
         properties,
         recall,
+        result_panel,
         solve_cameras_operator,
     )
     from .generate import panel as panels
-    from .input import choose_operator
+    from .input import choose_operator, example_operator
     from .input import operators as input_operators
     from .materials import operators as material_operators
     from .materials import panel as material_panel
@@ -68,8 +69,8 @@ def _modules() -> tuple[ModuleType, ...]:
 
     setup = (preferences, runtime, setup_operators)
     photographs = (choose_operator, solve_cameras_operator, mask_operators, matting_operator, photograph_rows)
-    runs = (operators, input_operators, draw_views_operator, *photographs)
-    making = (properties, view_switch, *setup, *runs, recall, panels)
+    runs = (operators, input_operators, example_operator, draw_views_operator, *photographs)
+    making = (properties, view_switch, *setup, *runs, recall, panels, result_panel)
     finishing = (material_properties, swatches, material_operators, pick_operator, material_panel)
     relighting = (relight_properties, relight_operators, export_operator, relight_panel)
     return (*making, *finishing, *relighting, cli)

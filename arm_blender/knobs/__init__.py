@@ -44,12 +44,16 @@ class Knobs:
         "small",
         "networks: small, paper or instantmesh (default: small)",
         shown=Shown(
-            "Preset",
-            "Size of the networks",
+            "Networks",
+            "Which networks make the asset",
             items=(
-                ("small", "Small", "Weights come with the extension; made for the processor"),
-                ("paper", "Paper", "The networks of the paper; needs weights of your own and a graphics device"),
-                ("instantmesh", "InstantMesh", "Its shape network, whose weights you import; needs a graphics device"),
+                ("small", "Small", "Come with the extension, and need no graphics device"),
+                ("paper", "Paper", "Those of the paper; need weights that you trained, and a graphics device"),
+                (
+                    "instantmesh",
+                    "InstantMesh",
+                    "Its network for the shape; you import its weights; needs a graphics device",
+                ),
             ),
         ),
     )
@@ -72,9 +76,9 @@ class Knobs:
             "Quality",
             "How fine the shape and the texture may become",
             items=(
-                ("draft", "Draft", "For a first look"),
+                ("draft", "Draft", "For a first look, and for objects far away"),
                 ("balanced", "Balanced", "For most objects"),
-                ("final", "Final", "For close-ups; takes longest"),
+                ("final", "Final", "For close-ups: the largest texture and the most faces; takes longest"),
             ),
         ),
     )
@@ -86,13 +90,13 @@ class Knobs:
         listed=True,
         shown=Shown(
             "Texture",
-            "Texels a side at most; the texture is smaller where the views cannot fill it",
+            "Width of the texture in pixels at most; it is smaller where the pictures cannot fill it",
             none="AUTO",
             items=(
                 ("AUTO", "Automatic", "As the quality says"),
-                ("512", "512", "512 x 512"),
-                ("1024", "1024", "1024 x 1024"),
-                ("2048", "2048", "2048 x 2048"),
+                ("512", "512", "512 x 512 pixels"),
+                ("1024", "1024", "1024 x 1024 pixels"),
+                ("2048", "2048", "2048 x 2048 pixels"),
             ),
         ),
     )
@@ -103,7 +107,7 @@ class Knobs:
         listed=True,
         shown=Shown(
             "Faces",
-            "Triangles that the mesh may have at most; 0 leaves it to the quality",
+            "Triangles that the mesh may have at most; 0 leaves their number to the quality",
             none=0,
             low=0,
             soft_high=100_000,
@@ -128,7 +132,13 @@ class Knobs:
         letter="S",
     )
     """Charts are packed without xatlas where it would take longer."""
-    seed: int = knob(0, None, _SEED, listed=True, shown=Shown("Seed", "The same seed gives the same result", low=0))
+    seed: int = knob(
+        0,
+        None,
+        _SEED,
+        listed=True,
+        shown=Shown("Seed", "The same seed gives the same result again", low=0),
+    )
     """Of whatever is drawn at random."""
     random_weights: int | None = knob(None, "for tests: of this seed; the result is noise", _SEED)
     """A seed of random weights for all networks, instead of those in files."""
@@ -147,7 +157,7 @@ class Knobs:
     normal_map: bool = knob(
         False,
         "keep the detail that decimation takes",
-        shown=Shown("Normal Map", "Bake the detail that is lost to the number of faces"),
+        shown=Shown("Normal Map", "Keep the fine detail of the shape that its faces are too few for"),
     )
 
 
@@ -166,7 +176,7 @@ class ViewKnobs:
         listed=True,
         shown=Shown(
             "Distance",
-            "From the rig's cameras to the middle of the object, whose longest side is at most 2",
+            "How far the cameras stand from the middle of the object, whose longest side counts as 2",
             low=0.1,
             soft_high=10.0,
         ),
@@ -181,7 +191,7 @@ class ViewKnobs:
         listed=True,
         shown=Shown(
             "Elevation",
-            "Degrees by which the picture looks down on the object",
+            "How far the camera looked down on the object, in degrees: 0 is level; a wrong value tilts the object",
             name="elevation",
             default=10.0,
             low=-90.0,
@@ -198,7 +208,7 @@ class ViewKnobs:
         listed=True,
         shown=Shown(
             "Field of View",
-            "Of the assumed cameras, in degrees, from top to bottom",
+            "How wide the camera saw, from top to bottom, in degrees; a wrong value deepens or flattens the object",
             name="fovy",
             default=30.0,
             low=1.0,
@@ -244,7 +254,13 @@ class DrawingKnobs:
         "75 for fine detail (default: 28)",
         within(1, 1000),
         option="multiview-steps",
-        shown=Shown("Steps", "Of drawing; 75 for faces and fine patterns", name="multiview_steps", low=1, high=1000),
+        shown=Shown(
+            "Steps",
+            "Rounds of drawing; 75 for faces and fine patterns",
+            name="multiview_steps",
+            low=1,
+            high=1000,
+        ),
     )
     """Of the sampler, as many as the levels of its training at most. Fewer leave views blurred."""
     guidance: float = knob(

@@ -72,6 +72,8 @@ def views_of_rig(folder: Path, distance: float, fovy_deg: float | None, progress
         InputImageError: there are more or fewer, or one does not do.
     """
     pictures = pictures_in(folder)
+    if not pictures:
+        raise InputImageError(f"{folder}: holds no pictures; choose the folder that they are in")
     if len(pictures) != len(AZIMUTHS_DEG):
         raise InputImageError(
             f"{folder}: no transforms.json and {len(pictures)} images; add the cameras, have them solved, or give "

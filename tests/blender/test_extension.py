@@ -113,7 +113,7 @@ def test_an_error_is_reported_and_nothing_is_made(extension, monkeypatch, tmp_pa
 def test_a_failure_stays_in_the_panel_until_the_next_run(extension, answer, tmp_path):
     with pytest.raises(RuntimeError):
         bpy.ops.arm.generate()
-    assert "Choose an image" in bpy.context.window_manager.arm.error
+    assert "Choose pictures first" in bpy.context.window_manager.arm.error
     bpy.ops.arm.generate(filepath=str(tmp_path))
     assert bpy.context.window_manager.arm.error == ""
 
@@ -128,6 +128,14 @@ def test_a_result_that_arrives_in_another_mode_changes_neither_mode_nor_selectio
     assert "ring" in bpy.context.scene.objects
 
 
+@pytest.mark.parametrize(("size", "hider"), [(4.0, "Cube"), (0.5, "")])
+def test_what_hides_a_new_result_is_said(extension, answer, tmp_path, size, hider):
+    bpy.ops.mesh.primitive_cube_add(size=size)
+    bpy.ops.arm.generate(filepath=str(tmp_path))
+    state = bpy.context.window_manager.arm
+    assert (state.newest, state.hidden_by) == ("ring", hider)
+
+
 def test_a_cancelled_generation_makes_nothing_and_is_no_error(extension, monkeypatch, tmp_path):
     def cancelled(request, progress):
         raise Cancelled("stopped by the user")
@@ -138,7 +146,7 @@ def test_a_cancelled_generation_makes_nothing_and_is_no_error(extension, monkeyp
 
 
 def test_without_views_the_user_is_told_what_to_do(extension):
-    with pytest.raises(RuntimeError, match="Choose an image or a folder"):
+    with pytest.raises(RuntimeError, match="Choose pictures first"):
         bpy.ops.arm.generate()
 
 

@@ -79,6 +79,8 @@ def test_the_zip_holds_the_package_and_nothing_else(package):
         f"wheels/{LIBRARY}-1.0-py3-none-any.whl",
     }
     assert not [n for n in names if "__pycache__" in n or n.endswith((".pyc", ".part"))]
+    example = (ROOT / "arm_blender" / "examples" / "barrel").iterdir()
+    assert {f"arm_blender/examples/barrel/{path.name}" for path in example} <= set(names)
     weights = (ROOT / "arm_blender" / "weights").glob("small.*.safetensors")
     assert {f"arm_blender/locks/{path.name}" for path in library_install.LOCKS.iterdir()} <= set(names)
     shipped = {f"arm_blender/weights/{path.name}" for path in weights}

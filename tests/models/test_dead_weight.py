@@ -24,7 +24,7 @@ from arm_blender.uv.unwrap import UnwrapConfig, unwrap
 from arm_blender.views import load_views
 from arm_blender.views.scene_frame import normalise
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "barrel"
+EXAMPLE = Path(__file__).parents[2] / "arm_blender" / "examples" / "barrel"
 INPUT_AXIS = {nn.Linear: 1, nn.Conv2d: 1, nn.Conv3d: 1, nn.ConvTranspose2d: 0}
 """The dimension of their weights that runs over what they read."""
 

@@ -49,7 +49,7 @@ def test_a_stop_is_said_and_made_in_time(tool, said, ended, held):
 def test_the_page_states_machine_and_silences(tool):
     page = tool.document({"run": run_of(0.1)}, "A machine of its own")
     assert "A machine of its own" in page and "| reading | 0.30 s |" in page
-    assert "Without a result: cancel, load, quit, disable, engines, photographs, doubtful, materials." in page
+    assert "Without a result: example, cancel, load, quit, disable, engines, photographs, doubtful, materials." in page
 
 
 @pytest.mark.parametrize("change, missed", [({}, 0), ({"editors": ["VIEW"]}, 1), ({"cameras": 3, "browser": False}, 2)])
@@ -81,3 +81,14 @@ def test_a_region_that_is_not_picked_or_not_undone_is_a_missed_bar(tool, change,
     found |= {"left after undo": 0} | change
     assert [line.held for line in tool.checks({"materials": found})].count(False) == missed
     assert "images/materials.png" in tool.document({"run": run_of(0.1), "materials": found}, "a machine")
+
+
+@pytest.mark.parametrize(
+    "change, missed",
+    [({}, 0), ({"views": 0}, 1), ({"made": 0}, 1), ({"hidden by": ""}, 1), ({"path after two undos": "barrel"}, 1)],
+)
+def test_two_clicks_that_make_nothing_or_cannot_be_undone_are_missed_bars(tool, change, missed):
+    found = {"path": "barrel", "views": 6, "kind": "posed", "seconds": 20.0, "error": "", "hidden by": "Cube"}
+    found |= {"made": 1, "path after two undos": ""} | change
+    assert [line.held for line in tool.checks({"example": found})].count(False) == missed
+    assert "images/panel-example.png" in tool.document({"run": run_of(0.1), "example": found}, "a machine")

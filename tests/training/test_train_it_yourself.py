@@ -169,7 +169,8 @@ def followed(tmp_path_factory) -> Path:
     """The folder in which the page was followed."""
     pytest.importorskip("bpy")
     folder = tmp_path_factory.mktemp("first")
-    (folder / "examples").symlink_to(ROOT / "examples", target_is_directory=True)
+    (folder / "arm_blender").mkdir()  # No package without its `__init__`: the installed one is imported.
+    (folder / "arm_blender" / "examples").symlink_to(ROOT / "arm_blender" / "examples", target_is_directory=True)
     objects = own_objects(folder / "objects")
     for kind, text in blocks("data" if os.environ.get("ARM_DATA") else "own"):
         follow(text, folder, objects)

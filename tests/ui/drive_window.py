@@ -19,13 +19,12 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 from finish_regions import materials
+from first_run import example
 from walk_photographs import photographs
 from watch import Watch, stage_of
-from window import EXTENSION, OUT, PROJECT, area, in_view, module, shoot, state, window
+from window import ESC_AT, EXTENSION, OUT, PROJECT, area, click, in_view, module, shoot, state, window
 
-VIEWS = str(PROJECT / "examples" / "barrel")
-ESC_AT = 400, 400
-"""A pixel of the 3D view, where no button is."""
+VIEWS = str(PROJECT / "arm_blender" / "examples" / "barrel")
 STEP = 0.005
 """Seconds between two looks for an event."""
 SETTLED = 5.0
@@ -192,20 +191,13 @@ def doubtful(watch: Watch) -> Scenario:
 def click_generate() -> Scenario:
     """Press the panel's button with the mouse; the job that it starts."""
     ready = module("generate.operators")
-    x, y = json.loads(os.environ["ARM_BUTTON"])
-    for aside in (40, 2, 0):  # The first move finds the sidebar, the next its button.
-        window().event_simulate(type="MOUSEMOVE", value="NOTHING", x=x + aside, y=y)
-        yield 0.2
-    for value in ("PRESS", "RELEASE"):
-        window().event_simulate(type="LEFTMOUSE", value=value, x=x, y=y)
-        yield 0.1
-    window().event_simulate(type="MOUSEMOVE", value="NOTHING", x=ESC_AT[0], y=ESC_AT[1])
+    yield from click("generate")
     for _ in range(200):
         if ready.is_running():
             return ready._running
         yield STEP
     shoot("no-button")
-    raise AssertionError(f"no run begins by a click at {x}, {y}: {state().error}; see no-button.png")
+    raise AssertionError(f"no run begins by a click: {state().error}; see no-button.png")
 
 
 def generated() -> Scenario:
@@ -234,20 +226,22 @@ def choose_views(views: str = VIEWS) -> Scenario:
         yield 0.1
 
 
-def prepare(watch: Watch) -> Scenario:
-    """The extension enabled, its tab in front, the views chosen."""
-    bpy.data.objects.remove(bpy.data.objects["Cube"])
+def prepare(watch: Watch, chosen: bool) -> Scenario:
+    """The extension enabled, its tab in front; where views are to be chosen the cube gives way."""
     addon_utils.enable(EXTENSION, default_set=True)
     watch.attach()
     area().spaces.active.show_region_ui = True
     yield 0.5
     next(region for region in area().regions if region.type == "UI").active_panel_category = "ARM"
-    yield from choose_views()
+    if chosen:
+        bpy.data.objects.remove(bpy.data.objects["Cube"])
+        yield from choose_views()
     yield 0.5
 
 
 SCENARIOS = {
     "pictures": pictures,
+    "example": lambda watch: example(generated()),
     "run": run,
     "cancel": cancel,
     "load": load,
@@ -262,7 +256,7 @@ SCENARIOS = {
 
 def whole(name: str) -> Scenario:
     watch = Watch()
-    yield from prepare(watch)
+    yield from prepare(watch, chosen=name != "example")
     result = yield from SCENARIOS[name](watch)
     (OUT / f"{name}.json").write_text(json.dumps(result, indent=1))
     bpy.ops.wm.quit_blender()

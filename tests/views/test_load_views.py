@@ -90,7 +90,7 @@ def test_what_does_not_do_is_refused_by_name(six, tmp_path):
     with pytest.raises(InputImageError, match="nothing: no such file"):
         load_views(tmp_path / "nothing")
     (tmp_path / "bare").mkdir()
-    with pytest.raises(InputImageError, match="bare: no transforms.json and 0 images"):
+    with pytest.raises(InputImageError, match="bare: holds no pictures; choose the folder"):
         load_views(tmp_path / "bare")
     with pytest.raises(InputImageError, match="6 views but 2 --view-weights"):
         load_views(six, ViewOptions(weights=(1.0, 2.0)))

@@ -33,7 +33,9 @@ class ARM_OT_edit_mask(Run, bpy.types.Operator):
     bl_idname = "arm.edit_mask"
     bl_label = "Edit Mask"
 
-    picture: StringProperty(name="Picture", subtype="FILE_PATH", options={"SKIP_SAVE"})
+    picture: StringProperty(
+        name="Picture", description="File to paint the mask of", subtype="FILE_PATH", options={"SKIP_SAVE"}
+    )
     root: StringProperty(name="Folder", description="Of the views", subtype="DIR_PATH", options={"SKIP_SAVE"})
     told: StringProperty(description="What is known of the mask, for the tooltip", options={"HIDDEN", "SKIP_SAVE"})
 

@@ -16,6 +16,7 @@ from ..job import Job
 from ..layout import redraw_sidebars
 from ..setup import runtime
 from .generation import Generated, generate
+from .hiding import hider_of
 from .remaining import Remaining, clock
 
 logger = logging.getLogger(__name__)
@@ -209,7 +210,10 @@ class ARM_OT_generate(Run, bpy.types.Operator):
         created = add_result(context, made, self._request)
         if context.scene.arm.views_kind == "photographs":
             view_list.look_soon(context)  # By now it is known what became of each.
-        return f"{created.name}: {len(created.data.polygons)} faces"
+        hider, state = hider_of(context, created), context.window_manager.arm
+        state.newest, state.hidden_by = created.name, "" if hider is None else hider.name
+        hidden = "" if hider is None else f"; {hider.name} hides it: press / to see it alone"
+        return f"{created.name}: {len(created.data.polygons)} faces{hidden}"
 
 
 class ARM_OT_regenerate(Run, bpy.types.Operator):

@@ -19,7 +19,9 @@ from ..input.panel_knobs import properties
 class ARM_PG_view(bpy.types.PropertyGroup):
     """One view of the chosen pictures; `name` is that of its file or camera."""
 
-    use: BoolProperty(name="Use", description="Take this view into account", default=True)
+    use: BoolProperty(
+        name="Use", description="Take this view into account; without its tick it is left out", default=True
+    )
     weight: FloatProperty(
         name="Weight",
         description="How much this view counts in the texture, where others see the same",
@@ -51,7 +53,7 @@ class ARM_PG_settings(bpy.types.PropertyGroup):
         name="Pictures",
         description="Where the pictures of the object are",
         items=(
-            ("FILES", "Image or Views", "One image, or a folder of views"),
+            ("FILES", "Picture Files", "A picture, a folder of views or of photographs, or a video"),
             ("CAMERAS", "Scene Cameras", "The background images of the scene's cameras"),
         ),
         default="FILES",
@@ -59,14 +61,14 @@ class ARM_PG_settings(bpy.types.PropertyGroup):
     )
     views_path: StringProperty(
         name="Views",
-        description="One image, a folder of views or of photographs, or a video",
+        description="A picture, a folder of views or of photographs, or a video of the object",
         subtype="FILE_PATH",
         options=BLEND_RELATIVE,
         update=views_changed,
     )
     views: CollectionProperty(type=ARM_PG_view)
     photographs: CollectionProperty(type=ARM_PG_photograph)
-    photograph: IntProperty(name="Photograph", description="The one that is told of below the list", default=0)
+    photograph: IntProperty(name="Photograph", description="The photograph that is told of below the list", default=0)
     views_of: StringProperty(description="What the list of views was read from")
     views_kind: StringProperty(description="picture, rig, posed or photographs")
     multiview_model: StringProperty(
@@ -79,7 +81,7 @@ class ARM_PG_settings(bpy.types.PropertyGroup):
         name="Shape",
         description="Where the shape of the object comes from",
         items=(
-            ("NETWORK", "From Pictures", "Reconstruct it"),
+            ("NETWORK", "From Pictures", "Reconstruct the shape from the pictures"),
             ("MESH", "Selected Mesh", "Keep the shape of the active mesh, and its UVs if they are an atlas"),
         ),
         default="NETWORK",
@@ -110,13 +112,15 @@ ARM_PG_settings.__annotations__.update(properties())
 
 
 class ARM_PG_state(bpy.types.PropertyGroup):
-    """How the running job stands and how the last one failed, for the panel; never saved."""
+    """How the running job stands, how the last one failed or what it made, for the panel; never saved."""
 
     fraction: FloatProperty(name="Progress", subtype="FACTOR", min=0.0, max=1.0, options={"SKIP_SAVE"})
     message: StringProperty(name="Message", options={"SKIP_SAVE"})
     time: StringProperty(name="Time", options={"SKIP_SAVE"})
     error: StringProperty(name="Error", options={"SKIP_SAVE"})
     views_error: StringProperty(name="Error of the Views", options={"SKIP_SAVE"})
+    newest: StringProperty(name="Newest Result", options={"SKIP_SAVE"})
+    hidden_by: StringProperty(name="What the Newest Result Lies Inside Of", options={"SKIP_SAVE"})
 
 
 classes = (ARM_PG_view, ARM_PG_photograph, ARM_PG_settings, ARM_PG_state)

@@ -71,10 +71,18 @@ def _rig(distance: float, fovy_deg: float) -> "list[PlacedPicture]":
 
 classes = (ARM_OT_look, ARM_OT_add_cameras)
 
-register, _unregister_classes = bpy.utils.register_classes_factory(classes)
+_register_classes, _unregister_classes = bpy.utils.register_classes_factory(classes)
+
+
+def register() -> None:
+    _register_classes()
+    for handlers in (bpy.app.handlers.undo_post, bpy.app.handlers.redo_post):
+        handlers.append(view_list.look_after_undo)
 
 
 def unregister() -> None:
     """Stop a look that is going on first: its thread must not outlive the code that it runs."""
+    for handlers in (bpy.app.handlers.undo_post, bpy.app.handlers.redo_post):
+        handlers.remove(view_list.look_after_undo)
     view_list.forget()
     _unregister_classes()

@@ -54,7 +54,7 @@ def views_from_panel(context: bpy.types.Context, filepath: str = "") -> Generati
         return GenerationRequest(_cameras(context, listed or None), name=context.scene.name)
     chosen = filepath or settings.views_path
     if not chosen:
-        raise ArmError("Choose an image or a folder of views first")
+        raise ArmError("Choose pictures first, or press Example")
     return GenerationRequest(Path(bpy.path.abspath(chosen)), **panel_values(settings, ViewKnobs))
 
 

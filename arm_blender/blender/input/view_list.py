@@ -10,7 +10,7 @@ from ...errors import ArmError, Cancelled
 from ..job import Job
 from ..layout import redraw_sidebars
 from .looking import Look, look
-from .request import views_from_panel, views_key
+from .request import cameras_key, path_key, views_from_panel, views_key
 
 logger = logging.getLogger(__name__)
 
@@ -54,6 +54,26 @@ def look_now(context: bpy.types.Context) -> None:
     _conclude(context, job)
 
 
+@bpy.app.handlers.persistent
+def look_after_undo(*_: object) -> None:
+    """The choice that undo or redo brought back is read where it is not what was read last."""
+    if not bpy.app.background and not bpy.app.timers.is_registered(_look_again):
+        bpy.app.timers.register(_look_again, first_interval=_TICK)  # When Blender is through with its undoing.
+
+
+def _look_again() -> None:
+    if not is_listed(bpy.context) or found(bpy.context) is None:
+        look_soon(bpy.context)
+
+
+def is_listed(context: bpy.types.Context) -> bool:
+    """The panel's list is that of the chosen pictures, not of others."""
+    settings = context.scene.arm
+    if settings.source == "CAMERAS":
+        return bool(settings.views_of == cameras_key(context))
+    return bool(settings.views_path) and settings.views_of == path_key(settings.views_path)
+
+
 def is_looking() -> bool:
     """The views are being read."""
     return _job is not None
@@ -64,9 +84,9 @@ def found(context: bpy.types.Context) -> Look | None:
     return _found[1] if _found is not None and _found[0] == context.scene.arm.views_of else None
 
 
-def icons(index: int) -> tuple[int, int]:
-    """The icons of a view's picture and of its mask; 0 is none."""
-    known = {} if _previews is None else _previews
+def icons(context: bpy.types.Context, index: int) -> tuple[int, int]:
+    """The icons of a listed view's picture and of its mask; 0 is none, as for a list that nothing was read for yet."""
+    known = {} if _previews is None or found(context) is None else _previews
     picture, mask = (known[name].icon_id if name in known else 0 for name in (f"{index} picture", f"{index} mask"))
     return picture, mask
 
@@ -166,6 +186,8 @@ def forget() -> None:
     """Stop a look that is going on, wait for its thread, and drop what was found and drawn."""
     global _previews, _found
     stop()
+    if bpy.app.timers.is_registered(_look_again):
+        bpy.app.timers.unregister(_look_again)
     for job in _stopped:
         job.join(_QUIT_PATIENCE)
     _stopped.clear()

@@ -5,7 +5,7 @@ import bpy
 from ...knobs.finishes import Finish
 from ..asset.finish_nodes import can_be_set, finishes
 from ..asset.regions import KnownRegion, known_regions
-from ..layout import InSidebar
+from ..layout import InSidebar, draw_notice, line_width
 from .chosen import active_material, chosen_region
 from .presets import title_of
 from .swatches import swatch
@@ -17,17 +17,16 @@ class ARM_PT_materials(InSidebar, bpy.types.Panel):
     bl_label = "Materials"
     bl_order = 5
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return active_material(context) is not None
-
     def draw(self, context: bpy.types.Context) -> None:
         layout, material = self.layout, active_material(context)
-        chosen = chosen_region(material) if material is not None else None
-        if material is None or chosen is None:
-            column = layout.column(align=True)
-            column.label(text="This object has no regions", icon="INFO")
-            column.label(text="Regenerate Appearance finds them", icon="BLANK1")
+        if material is None:
+            step = "Generate an object, or select one, to set what its parts are made of"
+            draw_notice(layout, step, line_width(context), "INFO")
+            return
+        chosen = chosen_region(material)
+        if chosen is None:
+            step = "This object has no regions; Regenerate Appearance finds them"
+            draw_notice(layout, step, line_width(context), "INFO")
             return
         given = finishes(material)
         rows = layout.column(align=True)

@@ -25,6 +25,7 @@ class ARM_OT_relight(bpy.types.Operator):
 
     what: EnumProperty(
         name="What",
+        description="One picture, or one full turn",
         items=(("STILL", "Still", "One picture"), ("SEQUENCE", "Sequence", "One full turn, and its video")),
         default="STILL",
         options={"SKIP_SAVE"},
@@ -34,8 +35,7 @@ class ARM_OT_relight(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        active = context.active_object
-        if active is None or active.type != "MESH" or not len(active.data.polygons):
+        if not can_be_relit(context.active_object):
             cls.poll_message_set("Select a mesh with faces")
             return False
         return True
@@ -163,6 +163,11 @@ class ARM_OT_light_scene(bpy.types.Operator):
         if before is not None:
             before.use_fake_user = True
         return {"FINISHED"}
+
+
+def can_be_relit(active: bpy.types.Object | None) -> bool:
+    """There is something to see of the object."""
+    return active is not None and active.type == "MESH" and len(active.data.polygons) > 0
 
 
 def _environment(name: str, file: str) -> str:

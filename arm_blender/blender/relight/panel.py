@@ -2,9 +2,9 @@
 
 import bpy
 
-from ..layout import InSidebar
+from ..layout import InSidebar, draw_notice, line_width
 from .callbacks import FROM_FILE
-from .operators import PICTURE
+from .operators import PICTURE, can_be_relit
 
 
 class ARM_PT_relight(InSidebar, bpy.types.Panel):
@@ -18,6 +18,8 @@ class ARM_PT_relight(InSidebar, bpy.types.Panel):
         layout.use_property_split = True
         layout.use_property_decorate = False
         settings = context.scene.arm_relight
+        if not can_be_relit(context.active_object):
+            draw_notice(layout, "Generate an object, or select a mesh, to relight it", line_width(context), "INFO")
         light = layout.column(align=True)
         light.prop(settings, "environment")
         if settings.environment == FROM_FILE:
@@ -34,6 +36,8 @@ class ARM_PT_relight(InSidebar, bpy.types.Panel):
         render.prop(settings, "resolution")
         render.prop(settings, "samples")
         layout.prop(settings, "output")
+        if settings.output.startswith("//") and not bpy.data.filepath:
+            draw_notice(layout, "Save the file, or choose another folder", line_width(context), "INFO")
         layout.operator("arm.relight", text="Render Still", icon="RENDER_STILL").what = "STILL"
         image = bpy.data.images.get(PICTURE)
         if image is not None and image.preview is not None:
@@ -68,6 +72,9 @@ class ARM_PT_export(InSidebar, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
+        active = context.active_object
+        if active is None or active.type != "MESH":
+            draw_notice(self.layout, "Generate an object, or select a mesh, to export it", line_width(context), "INFO")
         self.layout.operator("arm.export", text="Export...", icon="EXPORT")
 
 

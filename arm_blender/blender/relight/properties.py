@@ -7,7 +7,10 @@ from ..compat import BLEND_RELATIVE
 from .callbacks import environment_turned, environments
 
 FILE = StringProperty(
-    name="File", description="An equirectangular .hdr or .exr", subtype="FILE_PATH", options=BLEND_RELATIVE
+    name="File",
+    description="Panorama that lights the object, an equirectangular .hdr or .exr",
+    subtype="FILE_PATH",
+    options=BLEND_RELATIVE,
 )
 
 
@@ -21,7 +24,7 @@ class ARM_PG_relight(bpy.types.PropertyGroup):
     second_file: FILE
     rotation: FloatProperty(
         name="Rotation",
-        description="Of the environment about the vertical",
+        description="Angle that the environment is turned by, about the vertical axis",
         subtype="ANGLE",
         default=0.0,
         update=environment_turned,
@@ -35,20 +38,35 @@ class ARM_PG_relight(bpy.types.PropertyGroup):
         ),
         default="object",
     )
-    turntable: IntProperty(name="Pictures", description="In one full turn", default=24, min=2, max=3600)
+    turntable: IntProperty(
+        name="Pictures", description="Number of pictures in one full turn", default=24, min=2, max=3600
+    )
     video: BoolProperty(name="Video", description="Also write the sequence as an .mp4", default=False)
-    frames_per_second: IntProperty(name="Frame Rate", description="Pictures a second", default=24, min=1, max=240)
+    frames_per_second: IntProperty(
+        name="Frame Rate", description="Pictures a second of the video", default=24, min=1, max=240
+    )
     engine: EnumProperty(
         name="Engine",
-        description="What renders",
-        items=(("cycles", "Cycles", "Physically based"), ("eevee", "Eevee", "Fast on a graphics device")),
+        description="What renders the pictures",
+        items=(
+            ("cycles", "Cycles", "Light as it is, mirrors and shadows included; slower"),
+            ("eevee", "Eevee", "An approximation, fast on a graphics device"),
+        ),
         default="cycles",
     )
-    resolution: IntProperty(name="Resolution", description="Pixels a side", default=512, min=16, max=8192)
-    samples: IntProperty(name="Samples", description="Paths a pixel", default=32, min=1, max=65536)
+    resolution: IntProperty(
+        name="Resolution", description="Width and height of a picture, in pixels", default=512, min=16, max=8192
+    )
+    samples: IntProperty(
+        name="Samples",
+        description="Paths of light for each pixel: more of them take longer and leave less noise",
+        default=32,
+        min=1,
+        max=65536,
+    )
     output: StringProperty(
         name="Output",
-        description="The folder of the pictures",
+        description="Folder that the pictures are written to; // is that of the saved file",
         subtype="DIR_PATH",
         default="//relight/",
         options=BLEND_RELATIVE,

@@ -22,6 +22,7 @@ BUSY = "Something else is being done"
 
 EXTRAS = EnumProperty(
     name="Libraries",
+    description="What they are for",
     items=(
         (runtime.TORCH, "PyTorch (GPU)", "PyTorch with CUDA"),
         (runtime.PHOTOS, "Photographs", "pycolmap, pillow-heif and PyAV"),
@@ -157,6 +158,7 @@ class ARM_OT_import_weights(WhileIdle, bpy.types.Operator):
     filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
     kind: EnumProperty(
         name="Network",
+        description="Which network the weights are of",
         items=(
             ("auto", "By the File's Name", "For files that are named as their publishers name them"),
             ("georm", "Shape: InstantMesh", "Its instant_nerf or instant_mesh checkpoint, for the preset InstantMesh"),
@@ -194,7 +196,7 @@ class ARM_OT_download_weights(WhileOnline, bpy.types.Operator):
     bl_idname = "arm.download_weights"
     bl_label = "Download Weights"
 
-    name: StringProperty(name="Weights", options={"SKIP_SAVE"})
+    name: StringProperty(name="Weights", description="Which weights to download", options={"SKIP_SAVE"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         return context.window_manager.invoke_props_dialog(self, width=420)

@@ -113,7 +113,7 @@ def test_each_is_one_line_and_nothing_is_lost(panel, picture, spoil, match):
 
 
 def test_no_image_is_one_line(panel):
-    refused(bpy.ops.arm.generate, "Choose an image or a folder of views first")
+    refused(bpy.ops.arm.generate, "Choose pictures first, or press Example")
 
 
 def test_regenerating_what_is_no_result_is_one_line(panel):

@@ -83,7 +83,7 @@ def test_a_doubtful_solution_says_so(panel, shoe, monkeypatch, capfd):
 
 
 def test_nothing_chosen_is_one_line(panel):
-    with pytest.raises(RuntimeError, match="Choose an image"):
+    with pytest.raises(RuntimeError, match="Choose pictures first"):
         bpy.ops.arm.solve_cameras()
 
 

@@ -117,8 +117,7 @@ def test_an_object_without_regions_is_told_of_it_and_nothing_is_wrong(shown, map
     old = MaterialMaps(maps.albedo, maps.baked, maps.roughness, maps.metallic)
     made = build_object(RelightableAsset("old", tile.mesh, old), {})
     assert "arm_regions" not in made.active_material
-    assert panel.ARM_PT_materials.poll(bpy.context)
-    assert drawn(made) == ["This object has no regions", "Regenerate Appearance finds them"]
+    assert " ".join(drawn(made)) == "This object has no regions; Regenerate Appearance finds them"
     for operator in (bpy.ops.arm.set_finish, bpy.ops.arm.pick_region, bpy.ops.arm.reset_finishes):
         assert not operator.poll()
     assert made.active_material.arm_region_roughness == 0.0
@@ -141,7 +140,11 @@ def drawn(shown) -> list[str]:
 
             return call
 
-    context = types.SimpleNamespace(object=shown)
+    context = types.SimpleNamespace(
+        object=shown,
+        preferences=types.SimpleNamespace(system=types.SimpleNamespace(ui_scale=1.0)),  # 0 without a window.
+        region=types.SimpleNamespace(width=280),
+    )
     panel.ARM_PT_materials.draw(types.SimpleNamespace(layout=Layout()), context)
     return said
 
@@ -153,9 +156,10 @@ def test_the_rows_say_number_share_and_finish(shown):
     assert rows[0] == "1   50 %   Predicted" and rows[2] == "2   50 %   Brushed Steel"
 
 
-def test_a_user_s_own_object_has_no_such_panel(shown):
+def test_beside_a_user_s_own_object_the_panel_tells_what_to_do(shown):
     bpy.ops.mesh.primitive_cube_add()
-    assert not panel.ARM_PT_materials.poll(bpy.context)
+    for other in (bpy.context.object, None):
+        assert " ".join(drawn(other)) == "Generate an object, or select one, to set what its parts are made of"
     assert not bpy.ops.arm.set_finish.poll()
 
 

@@ -3,6 +3,7 @@
 import math
 import subprocess
 import sys
+import types
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from arm_blender.structures import MaterialMaps, RelightableAsset
 bpy = pytest.importorskip("bpy")
 from arm_blender.blender.asset.object_asset import asset_from_object  # noqa: E402
 from arm_blender.blender.asset.scene import build_object  # noqa: E402
-from arm_blender.blender.relight import callbacks  # noqa: E402
+from arm_blender.blender.relight import callbacks, panel  # noqa: E402
 from arm_blender.blender.relight.operators import PICTURE  # noqa: E402
 
 pytestmark = pytest.mark.blender
@@ -50,6 +51,32 @@ def test_a_still_is_one_picture_and_is_shown(settings, asset, tmp_path):
     assert (
         tuple(bpy.data.images[PICTURE].size) == (48, 24) and len([i for i in bpy.data.images if PICTURE in i.name]) == 1
     )
+
+
+def drawn(shown) -> str:
+    """What the panels say of an object."""
+    said = []
+    layout = types.SimpleNamespace(label=lambda text, icon: said.append(text), operator=lambda *_, **__: layout)
+    layout.column, layout.prop = lambda **_: layout, lambda *_, **__: None
+    layout.template_icon = lambda *_, **__: None
+    context = types.SimpleNamespace(
+        scene=bpy.context.scene,
+        active_object=shown,
+        preferences=types.SimpleNamespace(system=types.SimpleNamespace(ui_scale=1.0)),  # 0 without a window.
+        region=types.SimpleNamespace(width=280),
+    )
+    for kind in (panel.ARM_PT_relight, panel.ARM_PT_export):
+        kind.draw(types.SimpleNamespace(layout=layout), context)
+    return " ".join(said)
+
+
+def test_the_panels_tell_what_is_missing_and_nothing_else(settings, asset):
+    for nothing in (None, bpy.data.objects.new("sun", bpy.data.lights.new("sun", "SUN"))):
+        assert "select a mesh, to relight it" in drawn(nothing) and "select a mesh, to export it" in drawn(nothing)
+    made = build_object(asset, {})
+    assert drawn(made) == ""
+    settings.output = "//relight/"
+    assert drawn(made) == "Save the file, or choose another folder"
 
 
 def test_a_sequence_is_a_full_turn_and_its_video(settings, asset, tmp_path):

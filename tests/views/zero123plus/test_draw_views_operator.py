@@ -51,7 +51,7 @@ def test_six_views_are_drawn_beside_the_picture_and_chosen(panel, tiny, small_vi
 @pytest.mark.parametrize(
     ("name", "value", "match"),
     [
-        ("views_path", "", "Choose an image"),
+        ("views_path", "", "Choose pictures first"),
         ("views_path", ".", "Choose one picture first"),
         ("multiview_model", "", "Choose the folder of Zero123\\+\\+'s weights"),
         ("multiview_model", "gone", "gone"),

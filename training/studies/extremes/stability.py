@@ -37,7 +37,8 @@ ON_SPHERE = "largest distance of a vertex from the sphere, in grid steps; open e
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The words of `python -m training stability`."""
-    parser.add_argument("--views", type=Path, default=Path("examples/barrel"), help="of an object, for the precision")
+    example = Path("arm_blender/examples/barrel")
+    parser.add_argument("--views", type=Path, default=example, help="of an object, for the precision")
     parser.add_argument("--output", type=Path, default=Path("docs/stability.md"))
 
 
