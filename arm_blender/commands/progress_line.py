@@ -75,6 +75,10 @@ class Counted:
         rest = rest_of(self.clock() - self.began, self.done / max(self.total, 1))
         self.log(f"{self.done} of {self.total}, {what}{rest}")
 
+    def skip(self) -> None:
+        """One needs no work, and tells nothing of the time that the others take."""
+        self.total -= 1
+
 
 def rest_of(seconds: float, fraction: float, begun_at: float = 0.0) -> str:
     """ ", about 4 min left", or nothing where there is too little to tell it by, or nothing left.
@@ -93,7 +97,7 @@ def rest_of(seconds: float, fraction: float, begun_at: float = 0.0) -> str:
     return f", about {max(left, 1.0):.0f} s left"
 
 
-def add_option(parser: argparse.ArgumentParser) -> None:
+def add_option(parser: argparse._ActionsContainer) -> None:
     """--progress, of every command that takes its time."""
     text = "lines on stderr: always, never, or (auto) at once on a terminal, else where a run takes over two seconds"
     parser.add_argument("--progress", choices=("auto", "always", "never"), default="auto", help=text)

@@ -6,6 +6,7 @@ backward, are also run on the processor, with random weights on a made-up object
 
 import argparse
 import json
+import logging
 import multiprocessing
 import time
 from collections.abc import Callable
@@ -18,6 +19,7 @@ import torch
 from torch import Tensor, nn
 from torch._subclasses.fake_tensor import FakeTensorMode
 
+from arm_blender.commands.progress_line import Counted
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.machine.files import write_json
 from arm_blender.models.network_views import NetworkViews
@@ -37,6 +39,8 @@ from ..kept_memory import kept_by
 from ..losses import SurfaceMaps
 from ..stages import georm_surface, georm_volume, glossyrm
 from ..surface_rendering import iso_surface
+
+logger = logging.getLogger(__name__)
 
 GIB = 2**30
 DOCUMENT = Path("docs/training-cost.md")
@@ -210,10 +214,12 @@ def measured(path: Path) -> dict[str, Run]:
     """The runs of a file, and those that it lacks: these are made one after the other, and written there at once."""
     known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     path.parent.mkdir(parents=True, exist_ok=True)
-    for name in RUNS:
-        if name not in known:
-            known[name] = asdict(in_own_process(name))
-            write_json(path, known)
+    waiting = [name for name in RUNS if name not in known]
+    count = Counted(len(waiting), logger.info)
+    for name in waiting:
+        known[name] = asdict(in_own_process(name))
+        write_json(path, known)
+        count(name)
     return {name: Run(**known[name]) for name in RUNS}
 
 
