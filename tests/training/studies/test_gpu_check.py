@@ -14,6 +14,7 @@ def in_this_process(monkeypatch):
     monkeypatch.setattr(gpu_check, "in_own_process", lambda part, check: part(check))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["georm-volume", "glossyrm", "material-prior", "instant-albedo"])
 def test_a_stage_takes_a_step_and_another_after_a_resume(in_this_process, one_thread, tmp_path, capsys, name):
     words = ["check-gpu", "--device", "cpu", "--output", str(tmp_path / "out"), "--parts", name]
