@@ -6,6 +6,7 @@
 # make test-blender  those zips in every supported Blender: install, generate, relight, export, uninstall
 # make test-ui  the panel in a real Blender window, measured; needs a Debian and root -> docs/user-interface.md
 # make test-train  follows docs/train-it-yourself.md: every stage of the training, with the objects of ARM_DATA or made-up ones
+# make check-gpu  compares a GPU with the processor, trains and renders on it -> docs/training-cost.md; DEVICE=cpu tries the check itself
 # make fuzz     10,000 damaged files of every format that is read -> docs/robustness.md; CASES=... MINUTES=...
 # make test-photographs  solves the cameras of made-up photographs for real, good ones and spoilt ones
 # PYTHON=...    the Python 3.11 to make .venv with; EXAMPLE=... the views of the demo
@@ -17,7 +18,7 @@ EXAMPLE ?= $(patsubst %/,%,$(firstword $(dir $(wildcard arm_blender/examples/*/t
 BIN := .venv/bin
 READY := .venv/.installed
 
-.PHONY: all demo test lint bench extension test-blender test-ui test-train test-photographs fuzz clean
+.PHONY: all demo test lint bench extension test-blender test-ui test-train test-photographs check-gpu fuzz clean
 
 all: $(READY)
 
@@ -62,6 +63,9 @@ test-train: $(READY)
 
 test-photographs: $(READY)
 	$(BIN)/python -m pytest -q -m long tests/photographs
+
+check-gpu: $(READY)
+	$(BIN)/python -m training check-gpu --update $(if $(DEVICE),--device $(DEVICE))
 
 fuzz: $(READY)
 	$(BIN)/python tools/fuzz.py --write $(if $(CASES),--cases $(CASES)) $(if $(MINUTES),--minutes $(MINUTES))

@@ -29,6 +29,7 @@ COMMANDS = {
     "shading": ("training.studies.shading_blender", "compare the direct light of our BRDF with Cycles'"),
     "presets": ("training.studies.presets", "count the parameters of every preset"),
     "paper-step": ("training.studies.paper_step", "count and run a training step at the paper's sizes"),
+    "check-gpu": ("training.studies.gpu_check", "whether a device computes, trains and renders as the processor does"),
     "evaluate-masks": ("training.studies.captured_masks", "compare the masks of simulated captures with the truth"),
     "evaluate-photographs": (
         "training.studies.real_photographs",

@@ -71,6 +71,12 @@ def add_loop_arguments(parser: argparse.ArgumentParser, minutes: float, learning
     parser.add_argument("--seed", type=int, default=0)
 
 
+def add_device_arguments(parser: argparse.ArgumentParser) -> None:
+    """Where a stage of InstantAlbedo computes, and how."""
+    parser.add_argument("--bfloat16", action="store_true", help="predict in bfloat16: faster where the device knows it")
+    parser.add_argument("--device", default="cpu", help="cpu or cuda; under torchrun each process takes its own")
+
+
 def config(args: argparse.Namespace) -> TrainerConfig:
     """What the options of `add_loop_arguments` say.
 

@@ -4,6 +4,7 @@ import csv
 import logging
 import platform
 import sys
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -27,6 +28,9 @@ logger = logging.getLogger(__name__)
 
 _COLUMNS = ("step", "kind", "name", "value")
 
+SILENCE = 60.0
+"""Seconds after which a line of the log says how far the run is, where no terminal shows it."""
+
 
 class RunRecord:
     """Of one run, in a folder of its own.
@@ -42,7 +46,7 @@ class RunRecord:
         self.folder = folder
         self._line = ProgressLine(sys.stderr) if sys.stderr.isatty() else None
         self._events: SummaryWriter | Literal[False] | None = None
-        self._purge = 0
+        self._purge, self._said = 0, time.monotonic()
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
             write_json(folder / "config.json", {"arguments": _plain(arguments or {}), "versions": versions()})
@@ -96,12 +100,15 @@ class RunRecord:
             events.add_image("validation", picture, step)
 
     def show(self, fraction: float, message: str) -> None:
-        """How far the run is, on a terminal."""
+        """How far the run is: on a terminal always, else where the log has said nothing for a while."""
         if self._line is not None:
             self._line(fraction, message)
+        elif self.folder is not None and time.monotonic() - self._said >= SILENCE:
+            self.line("%.0f%%, %s", 100.0 * fraction, message)
 
     def line(self, text: str, *values: object) -> None:
         """A line of the log."""
+        self._said = time.monotonic()
         if self._line is not None:
             self._line.clear()
         logger.info(text, *values)

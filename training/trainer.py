@@ -18,6 +18,7 @@ from typing import Any, Generic, TypeVar
 import torch
 from torch import Tensor, nn
 
+from arm_blender.commands.progress_line import rest_of
 from arm_blender.errors import ArmError, CheckpointError
 from arm_blender.machine.files import whole_file
 from arm_blender.weight_files import checkpoints
@@ -219,9 +220,10 @@ class Trainer(Generic[Model]):
     def report(self, what: str, numbers: dict[str, float]) -> None:
         if distributed.rank() > 0:
             return
+        done, said = self.progress(), ", ".join(f"{key} {number:.4g}" for key, number in numbers.items())
         self.record.line(
-            "step %d, %.1f min, %s: %s",
-            self.step, self.spent / 60.0, what, ", ".join(f"{key} {number:.4g}" for key, number in numbers.items()),
+            "step %d, %.1f min, %.0f%%%s, %s: %s",
+            self.step, self.spent / 60.0, 100.0 * done, rest_of(self.spent, done), what, said,
         )  # fmt: skip
         self.record.scalars(self.step, what, numbers)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import ArmError
 from ..knobs.finishes import EXAMPLE, PRESETS, Finish, finishes_of, words_of
-from . import UsageError
+from . import UsageError, progress_line
 from .generate import NO_BPY
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--set", dest="finishes", metavar="N=FINISH,...", help=words)
     parser.add_argument("--reset", action="store_true", help="take back what was set before; alone: all as predicted")
     parser.add_argument("--json", action="store_true", help="print the regions as JSON on stdout")
-    parser.add_argument("--progress", choices=("auto", "always", "never"), default="auto", help="auto: on a terminal")
+    progress_line.add_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -34,9 +34,8 @@ def run(args: argparse.Namespace) -> int:
     from ..export import rewrite_asset
     from ..export.asset_folder import read_asset
     from ..uv.finish import described
-    from .progress_line import shown
 
-    with shown(args.progress) as progress:
+    with progress_line.shown(args.progress) as progress:
         progress(0.0, "reading the asset")
         written = read_asset(directory)
         regions = written.asset.maps.regions

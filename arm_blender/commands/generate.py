@@ -20,7 +20,7 @@ from ..errors import ArmError, InputImageError
 from ..knobs import DrawingKnobs, Knobs, ViewKnobs, knobs_of, values_of
 from ..machine.files import check_output
 from ..progress import part
-from . import UsageError, mesh_option
+from . import UsageError, mesh_option, progress_line
 
 if TYPE_CHECKING:
     from ..config import Settings
@@ -72,7 +72,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     result.add_argument("--preview", action="store_true", help="also render preview.png, by Cycles")
     result.add_argument("--strict", action="store_true", help="status 1 where a result may be wrong (doubtful)")
-    result.add_argument("--progress", choices=("auto", "always", "never"), default="auto", help="auto: on a terminal")
+    progress_line.add_option(result)
 
 
 def _add_knobs(group: argparse._ArgumentGroup, declared: type) -> None:
@@ -102,16 +102,14 @@ def placement(text: str) -> str:
 
 def run(args: argparse.Namespace) -> int:
     check_output(args.output)
-    from .progress_line import shown, summary
-
-    with shown(args.progress) as progress:
+    with progress_line.shown(args.progress) as progress:
         report, files = produce(args, progress)
     say_doubts(report)
     if args.json:
         json.dump(report.as_dict(), sys.stdout, indent=2)
         print()
     else:
-        print(summary(report), *files, sep="\n")
+        print(progress_line.summary(report), *files, sep="\n")
     return int(args.strict and bool(report.all_doubts))
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..errors import ArmError
 from ..machine.files import check_output, clear_unfinished
-from . import UsageError, generate
+from . import UsageError, generate, progress_line
 
 LARGEST = {"turntable": 3600, "resolution": 8192, "samples": 65536, "fps": 240}
 """Blender takes more, and cannot be stopped while it renders."""
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     turns.add_argument("--turn", choices=("object", "environment"), default="object", help="what turns")
     turns.add_argument("--video", action="store_true", help="an .mp4 of the pictures as well")
     turns.add_argument("--fps", type=int, default=24, metavar="N", help="pictures a second (default: 24)")
-    parser.add_argument("--progress", choices=("auto", "always", "never"), default="auto", help="auto: on a terminal")
+    progress_line.add_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -62,9 +62,8 @@ def run(args: argparse.Namespace) -> int:
         args.azimuth,
         args.elevation,
     )
-    from .progress_line import shown
 
-    with shown(args.progress) as progress:
+    with progress_line.shown(args.progress) as progress:
         files = relight.relight(args.asset, args.hdri, args.output, config, progress, args.compare)
         if args.video:
             turns = [files[first : first + args.turntable] for first in range(0, len(files), args.turntable)]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..errors import CheckpointError
 from ..weight_files.folder import FOLDER
-from . import UsageError
+from . import UsageError, progress_line
 
 KINDS = ("georm", "image-encoder", "material-encoder", "lpips", "matting")
 
@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     fetch = actions.add_parser("download", help="fetch weights of another project, under its licence")
     fetch.add_argument("name", metavar="NAME", help="such as instantmesh.georm; `weights list` names them")
     fetch.add_argument("--accept-licence", action="store_true", help="of the weights; otherwise you are asked")
-    fetch.add_argument("--progress", choices=("auto", "always", "never"), default="auto", help="auto: on a terminal")
+    progress_line.add_option(fetch)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -94,9 +94,8 @@ def _download(args: argparse.Namespace) -> int:
             print("nothing was downloaded")
             return 1
     from ..weight_files.install import download
-    from .progress_line import shown
 
-    with shown(args.progress) as progress:
+    with progress_line.shown(args.progress) as progress:
         installed = download(args.name, progress)
     print(f"{installed.path}: {installed.origin}; licence of the weights: {installed.licence}")
     return 0

@@ -8,7 +8,6 @@ import pytest
 import torch
 import trimesh
 
-from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.graphics.color import bytes_from_unit, linear_from_srgb
 from arm_blender.models.image_encoder import ImageEncoderConfig
 from arm_blender.models.paper.reconstruction import ReconstructionConfig
@@ -21,8 +20,8 @@ from arm_blender.views.transforms_json import write_transforms
 from training.evaluation.trials.asset_pictures import map_pictures
 from training.evaluation.truth.protocol import Protocol
 from training.evaluation.truth.truth import ARRAYS, FRONT, RECORD
+from training.rendering.made_up_ball import write_ball
 from training.stages import rendered_views
-from training.volume_rendering import pixel_rays
 
 _TINY = ReconstructionConfig(
     encoder=ImageEncoderConfig(image_size=32, patch_size=8, position_grid=4, width=16, depth=1, heads=2),
@@ -41,41 +40,11 @@ def plane_network() -> ReconstructionConfig:
     return _TINY
 
 
-def ball_views(radius: float, center: torch.Tensor) -> dict[str, np.ndarray]:
-    """A ball seen from ten sides, in closed form, as the renderer would leave it; its upper half is metal."""
-    cameras = [orbit_camera(36.0 * i, 40.0 * (i % 3 - 1), 4.0, 35.0, _SIZE, _SIZE) for i in range(10)]
-    c2w, K = torch.stack([c.c2w for c in cameras]), torch.stack([c.K for c in cameras])
-    row, column = torch.meshgrid(torch.arange(_SIZE) + 0.5, torch.arange(_SIZE) + 0.5, indexing="ij")
-    rays = pixel_rays(torch.stack([column, row], dim=-1).flatten(0, 1).expand(10, -1, -1), c2w, K)
-    middle = ((center - rays.origins) * rays.directions).sum(dim=-1)
-    inside = radius**2 - (rays.origins + middle[..., None] * rays.directions - center).square().sum(dim=-1)
-    distance = middle - inside.clamp(min=0.0).sqrt()
-    normal = (rays.origins + distance[..., None] * rays.directions - center) / radius
-    cosine = (rays.directions * -c2w[:, None, :3, 2]).sum(dim=-1)
-    mask = inside > 0.0
-    shape = (10, _SIZE, _SIZE)
-    rgba = torch.cat([torch.full((*mask.shape, 3), 150), mask[..., None] * 255], dim=-1)
-    return {
-        "rgba": rgba.view(*shape, 4).to(torch.uint8).numpy(),
-        "depth": torch.where(mask, distance * cosine, torch.inf).view(shape).half().numpy(),
-        "roughness": (mask * 60).view(shape).to(torch.uint8).numpy(),
-        "metallic": (mask * (normal[..., 2] > 0.0) * 255).view(shape).to(torch.uint8).numpy(),
-        "normal": (torch.where(mask[..., None], normal, 0.0) * 127.0).view(*shape, 3).to(torch.int8).numpy(),
-        "c2w": c2w.numpy(),
-        "K": K.numpy(),
-    }
-
-
 @pytest.fixture
 def ball_shards(tmp_path) -> Path:
     """Three balls: "one", "two" and "three"."""
-    sphere = trimesh.creation.icosphere(subdivisions=2)
     for name, (radius, center) in _BALLS.items():
-        folder = tmp_path / "shards" / name
-        folder.mkdir(parents=True)
-        vertices = (radius * sphere.vertices + center).astype(np.float32)
-        np.savez(folder / "mesh.npz", vertices=vertices, faces=sphere.faces)
-        np.savez(folder / "rig_0.npz", **ball_views(radius, torch.tensor(center)))
+        write_ball(tmp_path / "shards" / name, radius, center, _SIZE)
     return tmp_path / "shards"
 
 

@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from arm_blender.commands.progress_line import Counted
 from arm_blender.errors import ArmError, EmptyMeshError, UnwrapError
 from arm_blender.graphics.cameras import Camera, project, view_directions
 from arm_blender.graphics.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
@@ -87,18 +88,22 @@ def prepare(shards: Path, cache: Path, config: AtlasConfig = AtlasConfig(), seed
     """
     cache.mkdir(parents=True, exist_ok=True)
     mesh, owner = None, None
-    for rig in rigs(shards):
+    found = rigs(shards)
+    count = Counted(len(found), logger.info)
+    for rig in found:
         target = cache / f"{rig.parent.name}.{rig.stem}.npz"
         if target.exists() and is_current(target):
+            count.skip()
             continue
         if owner != rig.parent:
             mesh, owner = unwrapped(rig.with_name("mesh.npz"), config), rig.parent
         if mesh is None:
+            count.skip()
             continue
         generator = torch.Generator().manual_seed(seed)
         subsets = random_subsets(config.subsets, generator)
         save_arrays(target, sample_arrays(mesh, read_arrays(rig), config.size, subsets))
-        logger.info("prepared %s", target.name)
+        count(f"prepared {target.name}")
     return len(list(cache.glob(SAMPLES)))
 
 

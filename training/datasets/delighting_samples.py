@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from arm_blender.commands.progress_line import Counted
 from arm_blender.graphics.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 from arm_blender.graphics.meshes import sample_surface, vertex_normals
 from arm_blender.models.small.delighting import SeenPoints
@@ -64,20 +65,23 @@ def prepare(folder: Path, cache: Path, shapes: Shapes, library: Library, copies:
     Args:
         copies: of each rig, rasterised with random materials and light.
     """
-    for number, path in enumerate(shards.rigs(folder)):
+    rigs = shards.rigs(folder)
+    count = Counted(len(rigs), logger.info)
+    for path in rigs:
         wanted = [cache / f"{path.parent.name}.{path.stem}.{k}.npz" for k in range(1 + copies)]
         if all(target.exists() for target in wanted):
+            count.skip()
             continue
         mesh = shapes.refined(path, FACES)
         if not len(mesh.faces):
+            count.skip()
             continue
         for k, target in enumerate(wanted):
             if not target.exists():
                 found = carried(mesh, _rig(path, k, library, cache), torch.Generator().manual_seed(0))
                 if found is not None:
                     save(target, *found)
-        if number % 20 == 0:
-            logger.info("prepared %s", path.parent.name)
+        count(f"prepared {path.parent.name}")
     return len(list(cache.glob("[!.]*.npz")))
 
 

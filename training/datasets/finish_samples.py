@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from arm_blender.commands.progress_line import Counted
 from arm_blender.models.small.delighting import SeenPoints
 from arm_blender.models.small.finish_evidence import evidence
 from arm_blender.structures import TriangleMesh
@@ -65,18 +66,21 @@ def family(name: str) -> str:
 
 def prepare(folder: Path, cache: Path, shapes: Shapes) -> int:
     """Make the samples of all rigs of a folder of shards that a cache lacks; returns how many it has."""
-    for number, path in enumerate(shards.rigs(folder)):
+    rigs = shards.rigs(folder)
+    count = Counted(2 * len(rigs), logger.info)
+    for path in rigs:
         for kind in ("true", "georm"):
             wanted = {k: cache / f"{path.parent.name}.{path.stem}.{kind}.{k}.npz" for k in VIEWS}
             if all(target.exists() for target in wanted.values()):
+                count.skip()
                 continue
             true = kind == "true"
             mesh = shards.read_mesh(path.with_name("mesh.npz")) if true else shapes.refined(path, FACES)
             if not len(mesh.faces):
+                count.skip()
                 continue
             _save(mesh, path, wanted)
-        if number % 20 == 0:
-            logger.info("prepared %s", path.parent.name)
+            count(f"prepared {path.parent.name}, its {kind} shape")
     return len(list(cache.glob("[!.]*.npz")))
 
 

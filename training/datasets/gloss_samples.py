@@ -58,7 +58,7 @@ class Shapes:
     def __init__(self, weights: Path, grid: int, device: torch.device, folder: Path | None = None) -> None:
         self.model: Any = networks.read("georm", weights).requires_grad_(False).eval().to(device)
         self.grid, self.device, self.folder = grid, device, folder
-        self._mark = f"{checkpoints.sha256(weights)[:12]}.{grid}"
+        self._mark = mark(weights, grid)
 
     def load(self, path: Path, network: PictureConfig) -> GlossSample:
         """The sample of one `rig_<k>.npz`, for a GlossyRM of `network`."""
@@ -72,7 +72,7 @@ class Shapes:
         """What GeoRM makes of a rig, from the folder where it is there; without faces where it finds no surface."""
         if self.folder is None:
             return TriangleMesh(*self._made(path))
-        kept = self.folder / f"{path.parent.name}.{path.stem}.{self._mark}.npz"
+        kept = self.folder / kept_as(path, self._mark)
         if not kept.exists():
             vertices, faces = self._made(path)
             shards.save_arrays(kept, {"vertices": vertices.numpy(), "faces": faces.numpy().astype(np.int32)})
@@ -102,3 +102,13 @@ class Shapes:
             logger.info("%s: GeoRM finds no surface; nothing is learnt from it", path)
             return torch.zeros(0, 3), torch.zeros(0, 3, dtype=torch.int64)
         return mesh.vertices.cpu(), mesh.faces.cpu()
+
+
+def mark(weights: Path, grid: int) -> str:
+    """Of the shapes that GeoRM of these weights has on a grid."""
+    return f"{checkpoints.sha256(weights)[:12]}.{grid}"
+
+
+def kept_as(path: Path, mark: str) -> str:
+    """Name of the file that keeps the shape of one `rig_<k>.npz`."""
+    return f"{path.parent.name}.{path.stem}.{mark}.npz"

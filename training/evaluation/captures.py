@@ -4,6 +4,8 @@ import logging
 from collections.abc import Sequence
 from pathlib import Path
 
+from arm_blender.commands.progress_line import Counted
+
 from ..documents import fill_block
 from .tables.capture_table import save_overview, save_sheet, summary, write_results
 from .trials.capture_trial import CaptureResult, measure_capture
@@ -34,14 +36,15 @@ def run(
     """
     known = {entry.name: entry for entry in entries}
     results: list[CaptureResult] = []
-    for index, capture in enumerate(captures):
+    count = Counted(len(captures), logger.info)
+    for capture in captures:
         item = EvaluationObject(capture.object, cache / capture.object)
         truth = read_truth(item, data, trial.protocol)
         result, found = measure_capture(
             capture, known[capture.object], item, truth, trial, output / "assets" / capture.name
         )
         results.append(result)
-        logger.info("%d of %d, %s: %s", index + 1, len(captures), capture.name, result.answer.said)
+        count(f"{capture.name}: {result.answer.said}")
         save_sheet(output / f"{capture.name}.jpg", capture, found)
         write_results(output, results, command)
     save_overview(output / "overview.jpg", [output / f"{capture.name}.jpg" for capture in captures])

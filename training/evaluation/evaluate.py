@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+from arm_blender.commands.progress_line import Counted
 from arm_blender.errors import ArmError
 from arm_blender.machine.files import check_output
 from arm_blender.views import ViewOptions
@@ -100,16 +101,18 @@ def run(args: argparse.Namespace) -> int:
     cost = None if args.meshes else measured_cost(cache / entries[0].name, trial)
     known = kept_results(args.output, trial) if args.resume else {}
     results, sheets = [], None if args.no_sheets else Sheets(args.output)
-    for index, entry in enumerate(entries):
+    count = Counted(len(entries), logger.info)
+    for entry in entries:
         if entry.name in known and (sheets is None or sheets.has(entry.name)):
             results.append(known[entry.name])
+            count.skip()
             continue
         item = EvaluationObject(entry.name, cache / entry.name)
         truth = read_truth(item, args.data, protocol)
         measured = measure if trial.meshes is None else partial(measure_file, trial.meshes)
         result, shown = measured(entry, item, truth, trial)
         results.append(result)
-        logger.info("%d of %d, %s", index + 1, len(entries), _summary(result))
+        count(_summary(result))
         if sheets is not None:
             sheets.add(entry.name, shown)
         # After every object: what ends the run leaves a table that says of how many it is.

@@ -14,6 +14,7 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from arm_blender.commands.progress_line import Counted
 from arm_blender.graphics.cameras import Camera, intrinsics_from_fovy, look_at, project
 from arm_blender.graphics.meshes import sample_surface
 from arm_blender.graphics.raster.rasterize import rasterize
@@ -93,15 +94,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write `occupancy.npz` beside every `mesh.npz` that has none yet."""
-    for path in meshes(args.shards):
-        target = path.with_name("occupancy.npz")
-        if target.exists():
-            continue
+    waiting = [path for path in meshes(args.shards) if not path.with_name("occupancy.npz").exists()]
+    count = Counted(len(waiting), logger.info)
+    for path in waiting:
         points, distance = signed_distances(read_mesh(path), torch.Generator().manual_seed(0))
-        save_arrays(target, {"points": points.half().numpy(), "distance": distance.half().numpy()})
-        logger.info(
-            "%s: %.0f%% of the box points are inside",
-            path.parent.name,
-            100 * (distance[-BOX_POINTS:] > 0).float().mean(),
+        save_arrays(
+            path.with_name("occupancy.npz"), {"points": points.half().numpy(), "distance": distance.half().numpy()}
         )
+        inside = float((distance[-BOX_POINTS:] > 0).float().mean())
+        count(f"{path.parent.name}: {inside:.0%} of the box points are inside")
     return 0

@@ -16,6 +16,7 @@ from typing import Any
 
 import OpenImageIO as oiio
 
+from arm_blender.commands.progress_line import Counted
 from arm_blender.commands.workers import Answer, side_by_side
 from arm_blender.errors import ArmError
 from arm_blender.machine.files import only_writer
@@ -148,12 +149,13 @@ def render_dataset(
     pending = [asdict(asset) for asset in waiting if asset.key not in parts]
     groups = [[asset.key for asset in waiting[i : i + shard_size]] for i in range(0, len(waiting), shard_size)]
     done, attempted, rendered = set(parts), 0, 0
+    count = Counted(len(pending), logger.info)
     for key, dropped in _outcomes(pending, words, distribute, output):
         done.add(key)
         attempted, rendered = attempted + 1, rendered + (dropped is None)
         if dropped:
             logger.warning("%s: left out: %s", key, dropped)
-        logger.info("%d of %d, %s", attempted, len(pending), key)
+        count(key)
         while groups and done.issuperset(groups[0]):
             shard_writer.pack(output, groups.pop(0))
     for group in groups:  # All were parts already.
@@ -193,13 +195,13 @@ def _render_views(assets: list[Asset], hdris: list[Path], args: argparse.Namespa
 
     hdris, config = hdris or blender_environments(), RenderConfig(**render, gpu=not args.cpu)
     waiting = [asset for asset in assets if not (args.output / asset.key / "transforms.json").exists()]
-    failed = 0
-    for index, asset in enumerate(waiting):
+    failed, count = 0, Counted(len(waiting), logger.info)
+    for asset in waiting:
         hdri = hdris[zlib.crc32(f"{asset.key}:0".encode()) % len(hdris)]
         try:
             render_evaluation_views(asset, hdri, args.output, args.distance, config)
         except (ArmError, RuntimeError) as error:  # Blender's operators raise RuntimeError.
             failed += 1
             logger.warning("%s: left out: %s", asset.key, error)
-        logger.info("%d of %d, %s", index + 1, len(waiting), asset.key)
+        count(asset.key)
     return 1 if waiting and failed == len(waiting) else 0

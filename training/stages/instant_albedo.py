@@ -21,6 +21,7 @@ from ..datasets import atlases
 from ..datasets.atlas_augmentation import augmented
 from ..datasets.atlases import Atlas
 from ..datasets.rasterized_atlases import RasterizedAtlases
+from ..datasets.view_samples import on_device
 from ..losses import Perceptual, image_loss
 from ..lpips import Lpips
 from ..options import TrainerConfig
@@ -43,6 +44,10 @@ class FitConfig:
     """Held-out samples at most in a validation."""
     perceptual: Perceptual | None = None
     """LPIPS where its weights are at hand; without it the loss has no perceptual term."""
+    bfloat16: bool = False
+    """Predict so in training; the loss is in float32."""
+    device: str = "cpu"
+    """Where the network is; samples are made on the processor."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +84,8 @@ def fit(
     torch.manual_seed(seed)
     training, held_out = split(atlases.files(samples.cache), samples.held_out)
     logger.info("%d samples, %d held out", len(training), len(held_out))
-    model = start.network()
+    device = distributed.device(settings.device)
+    model = start.network().to(device)
     if rasterized is not None:
         hidden = {owner(path) for path in held_out}
         rasterized = replace(rasterized, meshes=[p for p in rasterized.meshes if owner(p.parent) not in hidden])
@@ -91,7 +97,7 @@ def fit(
             atlas = augmented(rasterized.draw(random), random)
         else:
             atlas = draw(training, random)
-        return sample_loss(loop.model, atlas, settings, random)
+        return sample_loss(loop.model, on_device(atlas, device), settings, random)
 
     averaged = loop.run(step, lambda model: validate(model, held_out, settings))
     metadata = {
@@ -111,7 +117,9 @@ def sample_loss(
 ) -> tuple[Tensor, dict[str, float]]:
     """Loss of the prediction, with gradient, and that of the blend of the views, which is what it must beat."""
     views = torch.randperm(len(atlas.baked), generator=random)[: settings.views]
-    albedo, baked = model(atlas.images, atlas.texels, atlas.seen, atlas.base)
+    with torch.autocast(atlas.base.device.type, torch.bfloat16, enabled=settings.bfloat16):
+        albedo, baked = model(atlas.images, atlas.texels, atlas.seen, atlas.base)
+    albedo, baked = albedo.float(), baked.float()
     loss = atlas_loss(albedo, baked, atlas, views, settings)
     with torch.no_grad():
         blend = atlas_loss(atlas.base, atlas.base, atlas, views, settings)
@@ -166,7 +174,7 @@ def validate(model: nn.Module, files: list[Path], settings: FitConfig) -> dict[s
     """Mean PSNR in dB of albedo and baked colour over the truth views, all input views given; of the blend as well."""
     found: dict[str, list[float]] = {}
     for path in files[: settings.validate]:
-        atlas = atlases.load(path, 0)
+        atlas = on_device(atlases.load(path, 0), distributed.device(settings.device))
         if not atlas.lookup.mask.any():
             continue
         albedo, baked = model(atlas.images, atlas.texels, atlas.seen, atlas.base)
@@ -206,6 +214,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rasterized", type=float, default=Samples.share, help="share of samples rasterised on the fly, 0 to 1"
     )
     parser.add_argument("--data", type=Path, help="textures and environments of those; ARM_DATA by default")
+    options.add_device_arguments(parser)
     options.add_loop_arguments(parser, minutes=25.0, learning_rate=4e-4)  # The paper's rate. No minutes: prepare only.
 
 
@@ -218,7 +227,8 @@ def run(args: argparse.Namespace) -> int:
         config, record = options.config(args), RunRecord.beside(args.output, vars(args))
         perceptual = Lpips.from_file(args.lpips) if args.lpips else None
         samples = Samples(args.cache, rasterized=_rasterized(args), share=args.rasterized)
-        fit(start_of(args), samples, args.output, config, FitConfig(args.views, perceptual=perceptual), record)
+        settings = FitConfig(args.views, perceptual=perceptual, bfloat16=args.bfloat16, device=args.device)
+        fit(start_of(args), samples, args.output, config, settings, record)
     return 0
 
 

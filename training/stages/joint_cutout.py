@@ -10,6 +10,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from arm_blender.commands.progress_line import Counted
 from arm_blender.errors import ArmError
 from arm_blender.models.small.cutout import Cutout
 from arm_blender.photographs.masks.joint_look import CONFIG
@@ -37,10 +38,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Fit; returns the exit status."""
     folders = sorted(path.parent for path in args.captures.glob("*/truth.json"))
-    samples = []
+    samples, count = [], Counted(len(folders), logger.info)
     for folder in folders:
         samples.append(read_capture(folder, args.size, args.seed))
-        logger.info("%d of %d, %s", len(samples), len(folders), folder.name)
+        count(folder.name)
     training = [item for item in samples if not item.held_out]
     held_out = [item for item in samples if item.held_out]
     if not training:

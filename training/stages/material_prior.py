@@ -20,6 +20,7 @@ from arm_blender.models.material_encoder import MaterialEncoder, MaterialEncoder
 from arm_blender.weight_files import checkpoints
 
 from .. import distributed, options
+from ..datasets.view_samples import on_device
 from ..options import TrainerConfig
 from ..rasterized.pictures import Library, random_rig, read_library, surface_at
 from ..rasterized.textures import LABELS, NOTHING
@@ -45,6 +46,10 @@ class PriorConfig:
     """One object in so many is kept for validation."""
     validate: int = 20
     """Held-out objects at most in a validation."""
+    bfloat16: bool = False
+    """Predict so in training; the loss is in float32."""
+    device: str = "cpu"
+    """Where the network is; samples are made on the processor."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +125,9 @@ def prior_loss(model: MaterialPrior, sample: MaterialSample, config: PriorConfig
 
     Pictures without any object cost 0, and have a gradient of 0.
     """
-    logits, values = model(sample.images)
+    with torch.autocast(sample.images.device.type, torch.bfloat16, enabled=config.bfloat16):
+        logits, values = model(sample.images)
+    logits, values = logits.float(), values.float()
     inside = sample.label != NOTHING
     count = inside.sum().clamp(min=1)
     entropy = functional.cross_entropy(logits, sample.label, ignore_index=NOTHING, reduction="sum") / count
@@ -150,7 +157,8 @@ def fit(
     training = [path for path in scenes.meshes if path not in held_out]
     if not training:
         raise ArmError(f"{len(scenes.meshes)} objects are too few to fit and to validate; give more --shards")
-    loop = Trainer(MaterialPrior(config), trainer_config, output.with_suffix(".resume"), record)
+    device = distributed.device(settings.device)
+    loop = Trainer(MaterialPrior(config).to(device), trainer_config, output.with_suffix(".resume"), record)
     size = loop.model.size
 
     def drawn(paths: list[Path], random: torch.Generator) -> MaterialSample:
@@ -160,12 +168,12 @@ def fit(
     def step(index: int) -> tuple[Tensor, dict[str, float]]:
         random = distributed.generator(trainer_config.seed, index)
         samples = [drawn(training, random) for _ in range(settings.objects)]
-        return prior_loss(loop.model, joined(samples), settings)
+        return prior_loss(loop.model, on_device(joined(samples), device), settings)
 
     def check(model: MaterialPrior) -> dict[str, float]:
         chosen = held_out[: settings.validate]
         samples = [drawn([path], torch.Generator().manual_seed(k)) for k, path in enumerate(chosen)]
-        return validate(model, samples)
+        return validate(model, [on_device(sample, device) for sample in samples])
 
     averaged = loop.run(step, check)
     if distributed.rank() == 0:
@@ -205,6 +213,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--preset", choices=SIZES, default="small")
     parser.add_argument("--objects", type=int, default=PriorConfig.objects, help="objects a step")
     parser.add_argument("--views", type=int, default=PriorConfig.views, help="pictures of each, 1 to 10")
+    options.add_device_arguments(parser)
     options.add_loop_arguments(parser, minutes=60.0, learning_rate=5e-4)
 
 
@@ -216,6 +225,6 @@ def run(args: argparse.Namespace) -> int:
         raise ArmError(f"--objects {args.objects}: give 1 or more")
     config, record = options.config(args), RunRecord.beside(args.output, vars(args))
     scenes = Scenes(shards.meshes(args.shards), args.cache / "surfaces", read_library(args.data))
-    settings = PriorConfig(args.objects, args.views)
+    settings = PriorConfig(args.objects, args.views, bfloat16=args.bfloat16, device=args.device)
     fit(SIZES[args.preset].encoder, scenes, args.output, config, settings, record)
     return 0

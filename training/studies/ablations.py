@@ -9,6 +9,7 @@ import logging
 from collections.abc import Sequence
 from pathlib import Path
 
+from arm_blender.commands.progress_line import Counted
 from arm_blender.config import Settings
 from arm_blender.machine.files import check_output
 
@@ -128,12 +129,15 @@ def measured(trial: Trial, folder: Path, args: argparse.Namespace) -> list[Objec
     render_truth(entries, cache, args.data, "manifest", trial.protocol)
     known, results = kept_results(folder, trial), []
     folder.mkdir(parents=True, exist_ok=True)
-    for index, entry in enumerate(entries):
-        if entry.name not in known:
+    count = Counted(len(entries), logger.info)
+    for entry in entries:
+        if entry.name in known:
+            count.skip()
+        else:
             item = EvaluationObject(entry.name, cache / entry.name)
             known[entry.name], _ = measure(entry, item, read_truth(item, args.data, trial.protocol), trial)
+            count(entry.name)
         results.append(known[entry.name])
-        logger.info("%d of %d, %s", index + 1, len(entries), entry.name)
         write_tables(folder, results, None, trial, args.command)
     return results
 

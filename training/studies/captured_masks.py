@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import logging
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from PIL import Image
 from torch import Tensor
 from torch.nn.functional import pad
 
+from arm_blender.commands.progress_line import Counted
 from arm_blender.errors import ArmError
 from arm_blender.graphics.borders import Rectangle
 from arm_blender.graphics.cameras import Camera
@@ -33,6 +35,8 @@ from ..datasets.joint_samples import eye_of
 from ..documents import fill_block, markdown_table, paragraphs
 from ..picture_grid import grid
 from ..rendering.shards import read_mesh
+
+logger = logging.getLogger(__name__)
 
 OURS = "small network"
 """As `foreground.WAYS` has it."""
@@ -77,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     folders = sorted(path.parent for path in args.captures.glob("*/truth.json"))
     if not folders:
         raise ArmError(f"{args.captures}: no capture; make some with `python -m training render --layout capture`")
-    ways, rows = known_ways(), []
+    ways, rows, count = known_ways(), [], Counted(len(folders), logger.info)
     for folder in folders:
         scores: dict[str, list[Score]] = {name: [] for name in ways}
         shown, alphas = list[tuple[Tensor, Tensor]](), list[Tensor]()
@@ -93,6 +97,7 @@ def run(args: argparse.Namespace) -> int:
             scores[name] = several
             alphas = masks
         rows += [[folder.name, name, *_summary(several)] for name, several in scores.items() if several]
+        count(folder.name)
         if args.sheets is not None:
             args.sheets.mkdir(parents=True, exist_ok=True)
             every = max(1, len(shown) // _SHOWN)

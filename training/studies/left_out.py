@@ -2,6 +2,7 @@
 where it does not sample the density."""
 
 import argparse
+import logging
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import torch
 
 from arm_blender import pipeline
+from arm_blender.commands.progress_line import Counted
 from arm_blender.config import PRESETS, Settings
 from arm_blender.graphics.surface.isosurface import extract
 from arm_blender.graphics.surface.sample_grid import IsosurfaceConfig
@@ -18,6 +20,8 @@ from arm_blender.views.scene_frame import normalise
 
 from ..documents import markdown_table, paragraphs, write_text
 from ..evaluation.truth.objects import EvaluationObject, evaluation_objects
+
+logger = logging.getLogger(__name__)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,8 +38,17 @@ def run(args: argparse.Namespace) -> int:
     item = items[0]
     views, settings = item.views(), Settings(preset=args.preset, device=args.device)
     pipeline.generate(views, settings)  # Loads the weights, so that no variant is charged for it.
-    rows = [row(title, variant, settings) for title, variant in variants(views)]
+    tried = list(variants(views))
+    count, rows = Counted(len(tried) + 1 + len(items), logger.info), []
+    for title, variant in tried:
+        rows.append(row(title, variant, settings))
+        count(title)
     rows.append(row("six views, and a mesh of the user's own", views, settings, item.truth()))
+    count("a mesh")
+    samples = []
+    for other in items:
+        samples.append(sampling(other, settings))
+        count(f"the density of {other.name}")
     text = paragraphs(
         "# What is left out",
         "The report of every run says which work was skipped and why. These are variants of one object's six views "
@@ -43,9 +56,7 @@ def run(args: argparse.Namespace) -> int:
         markdown_table(["views", "left out", "seconds", "texels a side"], rows),
         f"The density is sampled where its surface can be. On a grid of {settings.resolved.grid}³, for each evaluation "
         "object's six views, beside every sample (`--dense`):",
-        markdown_table(
-            ["object", "samples", "of all", "faces", "missed faces"], [sampling(i, settings) for i in items]
-        ),
+        markdown_table(["object", "samples", "of all", "faces", "missed faces"], samples),
         f"Made by `{args.command}`.",
     )
     write_text(args.output, text)

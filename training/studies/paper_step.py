@@ -6,6 +6,7 @@ backward, are also run on the processor, with random weights on a made-up object
 
 import argparse
 import json
+import logging
 import multiprocessing
 import time
 from collections.abc import Callable
@@ -18,6 +19,7 @@ import torch
 from torch import Tensor, nn
 from torch._subclasses.fake_tensor import FakeTensorMode
 
+from arm_blender.commands.progress_line import Counted
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.machine.files import write_json
 from arm_blender.models.network_views import NetworkViews
@@ -32,11 +34,13 @@ from arm_blender.structures import TexelMap, TexelViews, stack_cameras
 from .. import blocks
 from ..datasets.gloss_samples import GlossSample
 from ..datasets.view_samples import ViewSample
-from ..documents import markdown_table, paragraphs, write_text
+from ..documents import fill_block, markdown_table, paragraphs
 from ..kept_memory import kept_by
 from ..losses import SurfaceMaps
 from ..stages import georm_surface, georm_volume, glossyrm
 from ..surface_rendering import iso_surface
+
+logger = logging.getLogger(__name__)
 
 GIB = 2**30
 DOCUMENT = Path("docs/training-cost.md")
@@ -210,10 +214,12 @@ def measured(path: Path) -> dict[str, Run]:
     """The runs of a file, and those that it lacks: these are made one after the other, and written there at once."""
     known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     path.parent.mkdir(parents=True, exist_ok=True)
-    for name in RUNS:
-        if name not in known:
-            known[name] = asdict(in_own_process(name))
-            write_json(path, known)
+    waiting = [name for name in RUNS if name not in known]
+    count = Counted(len(waiting), logger.info)
+    for name in waiting:
+        known[name] = asdict(in_own_process(name))
+        write_json(path, known)
+        count(name)
     return {name: Run(**known[name]) for name in RUNS}
 
 
@@ -259,20 +265,8 @@ def run(args: argparse.Namespace) -> int:
     text = table(measured(args.runs))
     print(text)
     if args.update_document:
-        write_text(DOCUMENT, paragraphs("# What a training step costs at the paper's sizes", _EXPLANATION, text, _MADE))
+        fill_block(DOCUMENT, "steps", paragraphs(text, _MADE))
     return 0
 
-
-_EXPLANATION = """One object a step in each process, in float32, without LPIPS's own activations.
-
-- **State**: weights, gradient, both moments of Adam and the average of the weights (`--average 0` saves a fifth).
-- **Kept**: activations that the forward pass holds for the gradient, counted by what autograd saves. Rays, points of
-  the surface and vertices are decoded in parts and again for the gradient in any case; `--recompute` does the same with
-  the layers of the encoder and of the transformer and with the upsampler's blocks. One part's own activations come on
-  top while its gradient is computed.
-- **Run on the processor**: one step, forward and backward, with `--recompute`: seconds by the clock on one thread
-  of a machine that other work shared, so an upper bound, and the process's peak memory, weights and gradient among it.
-  Every weight got a finite gradient. The object is a made-up ball.
-- Where it says shapes alone, forward and backward were followed and memory was counted, and nothing was computed."""
 
 _MADE = "Made by `python -m training paper-step --update-document`."

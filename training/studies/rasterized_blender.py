@@ -5,6 +5,7 @@ that the rasteriser reads, suns are lamps. What differs is how light travels, an
 """
 
 import argparse
+import logging
 import math
 import tempfile
 from collections.abc import Iterator
@@ -19,6 +20,7 @@ from torch.nn import functional
 from arm_blender.blender.asset.scene import build_object
 from arm_blender.blender.asset.studio import add_view_camera, light_by_environment, temporary_scene
 from arm_blender.blender.compat import use_cycles, use_exr
+from arm_blender.commands.progress_line import Counted
 from arm_blender.errors import ArmError
 from arm_blender.graphics.cameras import Camera
 from arm_blender.graphics.color import LUMINANCE, linear_from_srgb, srgb_from_linear
@@ -40,6 +42,8 @@ from ..rendering import shards
 from ..rendering.camera_rigs import random_views
 from .parametric import ball, parametric, ring, vase
 from .shading_blender import read_linear, write_linear
+
+logger = logging.getLogger(__name__)
 
 TEXTURE = 1024
 """Texels a side of the baked finish."""
@@ -172,6 +176,7 @@ def run(args: argparse.Namespace) -> int:
     rows: list[tuple[str, list[float]]] = []
     pictures: list[tuple[str, Tensor]] = []
     generator = torch.Generator().manual_seed(args.seed)
+    count = Counted(args.objects, logger.info)
     for number, (name, mesh) in enumerate(shapes(args.shards, args.objects, generator)):
         scene = scene_of(mesh, library, generator)
         cameras = random_views(args.resolution, torch.Generator().manual_seed(args.seed + number))[4:6]
@@ -183,6 +188,7 @@ def run(args: argparse.Namespace) -> int:
             rows.append((f"{name}, {view}", row))
             captions = (f"Cycles {name}"[:26], f"ours {row[0]:.1f} dB", "4 x difference")
             pictures += zip(captions, shown, strict=True)
+        count(name)
     if not rows:
         raise ArmError(f"{args.shards}: no object could be unwrapped; render more with `python -m training render`")
     means = [sum(numbers) / len(rows) for numbers in zip(*(row for _, row in rows), strict=True)]

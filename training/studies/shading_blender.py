@@ -5,6 +5,7 @@ our shading sums the same map texel by texel. What differs is noise, filters, an
 """
 
 import argparse
+import logging
 import math
 import tempfile
 from collections.abc import Iterator
@@ -22,6 +23,7 @@ from arm_blender.blender.asset.scene import build_object
 from arm_blender.blender.asset.studio import add_view_camera, light_by_environment, temporary_scene
 from arm_blender.blender.compat import use_cycles, use_exr
 from arm_blender.blender.relight.environments import environment_path
+from arm_blender.commands.progress_line import Counted
 from arm_blender.graphics.cameras import Camera, look_at, orbit_camera, project, view_directions
 from arm_blender.graphics.color import srgb_from_linear
 from arm_blender.graphics.light.brdf import Form
@@ -35,6 +37,8 @@ from ..documents import markdown_table, paragraphs, write_text
 from ..evaluation.scores.image_scores import psnr_inside
 from . import furnace
 from .parametric import ball, parametric, ring, vase
+
+logger = logging.getLogger(__name__)
 
 SKY = (24, 48)
 """Texels of the environment map: so few that each can cast its own shadow."""
@@ -186,7 +190,9 @@ def run(args: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory() as folder:
         sky = Path(folder) / "sky.exr"
         write_linear(sky, radiance)
-        for subject in subjects():
+        made = list(subjects())
+        count = Counted(len(made), logger.info)
+        for subject in made:
             truth = by_cycles(subject, finish, sky, camera, args.samples)
             pictures = ours(subject, finish, radiance, camera)
             # Along the outline the filters differ; what is compared is shading.
@@ -196,6 +202,7 @@ def run(args: argparse.Namespace) -> int:
             sheet.append(
                 torch.cat([srgb_from_linear(truth[:3]), srgb_from_linear(pictures["cycles"][:3]), difference], 2)
             )
+            count(subject.name)
     picture = args.output.parent / "images" / "shading.png"
     whole = torch.cat(sheet, dim=1).clamp(0.0, 1.0)
     write_png(picture, torch.cat([whole, torch.ones_like(whole[:1])]), srgb=False)

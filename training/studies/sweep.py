@@ -18,6 +18,7 @@ from typing import get_args
 import torch
 
 from arm_blender import pipeline
+from arm_blender.commands.progress_line import Counted
 from arm_blender.config import QUALITIES, Settings
 from arm_blender.errors import ArmError, EmptyMeshError
 from arm_blender.knobs import QualityName
@@ -102,10 +103,10 @@ def run(args: argparse.Namespace) -> int:
     objects = evaluation_objects(args.views, args.data, tuple(args.set or ["gso"]), args.split)[: args.limit]
     chosen = list(points(args))
     measure(objects[:1], chosen[0], args.seed)  # Loads the weights, untimed.
-    rows: list[SweepRow] = []
+    rows, count = list[SweepRow](), Counted(len(chosen), logger.info)
     for point in chosen:
         rows.append(measure(objects, point, args.seed))
-        logger.info("%s", rows[-1])
+        count(str(rows[-1]))
         write_text(args.output.with_suffix(".csv"), csv_text(rows))
     write_text(args.output, document(rows, len(objects), args.command, args.plot.relative_to(args.output.parent)))
     plot(rows, args.plot)

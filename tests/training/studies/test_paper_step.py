@@ -60,6 +60,7 @@ def test_a_run_that_is_known_is_not_made_again(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(paper_step, "in_own_process", run_elsewhere)
     monkeypatch.setattr(paper_step, "kept_without_memory", lambda *step: paper_step.GIB)
     monkeypatch.setattr(paper_step, "DOCUMENT", tmp_path / "cost.md")
+    (tmp_path / "cost.md").write_text("<!-- steps:begin -->\n<!-- steps:end -->\n")
     for _ in range(2):
         assert command.main(["paper-step", "--runs", str(path), "--update-document"]) == 0
     assert made == ["georm-volume", "georm-surface"]

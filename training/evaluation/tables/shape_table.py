@@ -14,6 +14,7 @@ from typing import Any
 import torch
 
 from arm_blender import pipeline
+from arm_blender.commands.progress_line import Counted
 from arm_blender.config import Settings
 from arm_blender.errors import EmptyMeshError
 from arm_blender.machine.files import check_output, whole_file, write_json
@@ -57,10 +58,10 @@ def run(args: argparse.Namespace) -> int:
     objects = evaluation_objects(args.views, args.data, tuple(args.set or ["gso"]), args.split)[: args.limit]
     check_output(args.output)
     args.output.mkdir(parents=True, exist_ok=True)
-    results = []
-    for index, item in enumerate(objects):
+    results, count = [], Counted(len(objects), logger.info)
+    for item in objects:
         results.append(measure(item, settings, args.seed, None if args.no_sheets else args.output))
-        logger.info("%d of %d, %s", index + 1, len(objects), _summary(results[-1]))
+        count(_summary(results[-1]))
     report = paragraphs(results_table(results, args.run_time), verdict(results), f"Made by `{args.command}`.")
     write_text(args.output / "results.md", report)
     write_json(args.output / "results.json", {"command": args.command, "seed": args.seed} | as_json(results, settings))

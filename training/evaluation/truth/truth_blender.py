@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 import torch
 
+from arm_blender.commands.progress_line import Counted
 from arm_blender.errors import ArmError
 from arm_blender.machine.files import staging, write_json
 
@@ -44,8 +45,8 @@ def render_missing(
         ArmError: an object cannot be rendered; those before it are kept.
     """
     missing = [entry for entry in entries if not is_whole(cache / entry.name)]
-    for index, entry in enumerate(missing):
-        logger.info("rendering the truth: %d of %d, %s", index + 1, len(missing), entry.name)
+    count = Counted(len(missing), logger.info)
+    for entry in missing:
         first, other = (chosen_for(entry.name, lights[split]) for split in ("train", "eval"))
         others = [other]
         if protocol.relit_views is not None:
@@ -60,6 +61,7 @@ def render_missing(
                 (stage / entry.name).replace(cache / entry.name)
         except RuntimeError as error:  # Blender's importers raise it on a broken file.
             raise ArmError(f"{entry.path}: cannot be rendered ({error}); leave it out with --ids") from error
+        count(f"the truth of {entry.name} is rendered")
 
 
 def environments(lights: dict[str, list[Path]]) -> dict[str, list[Path]]:

@@ -21,6 +21,7 @@ from PIL import Image
 
 from arm_blender.blender.asset.studio import aim_view_camera
 from arm_blender.commands import interrupts
+from arm_blender.commands.progress_line import Counted
 from arm_blender.errors import ArmError
 from arm_blender.machine.files import whole_file, write_json
 from arm_blender.machine.quiet import STDOUT, silenced
@@ -66,17 +67,19 @@ def render_captures(
 ) -> int:
     """Every object in each of its settings; whole ones are kept. 1 where none of several could be rendered."""
     waiting = [(asset, setting) for asset in assets for setting in range(settings)]
-    failed = 0
-    for index, (asset, setting) in enumerate(waiting):
+    failed, count = 0, Counted(len(waiting), logger.info)
+    for asset, setting in waiting:
         folder = output / f"{asset.key}-{config.spoilt or setting}"
-        if not (folder / TRUTH).exists():
-            try:
-                with silenced(STDOUT):
-                    render_capture(asset, hdris, textures, folder, render, config, setting)
-            except (ArmError, RuntimeError) as error:  # Blender's operators raise RuntimeError.
-                failed += 1
-                logger.warning("%s: left out: %s", asset.key, error)
-        logger.info("%d of %d, %s", index + 1, len(waiting), folder.name)
+        if (folder / TRUTH).exists():
+            count.skip()
+            continue
+        try:
+            with silenced(STDOUT):
+                render_capture(asset, hdris, textures, folder, render, config, setting)
+        except (ArmError, RuntimeError) as error:  # Blender's operators raise RuntimeError.
+            failed += 1
+            logger.warning("%s: left out: %s", asset.key, error)
+        count(folder.name)
     return 1 if waiting and failed == len(waiting) else 0
 
 

@@ -7,6 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from arm_blender.commands.progress_line import Counted
 from arm_blender.commands.workers import side_by_side
 from arm_blender.errors import ArmError
 
@@ -72,11 +73,11 @@ def _scenes(
         "textures": [str(path) for path in textures],
     }
     waiting = [asdict(asset) for asset in in_order(assets) if not (args.output / f"{asset.key}.npz").exists()]
-    failed = 0
-    for index, (item, answer) in enumerate(side_by_side(waiting, args.jobs, SCENES_TASK, words) if waiting else ()):
+    failed, count = 0, Counted(len(waiting), logger.info)
+    for item, answer in side_by_side(waiting, args.jobs, SCENES_TASK, words) if waiting else ():
         dropped = "its process died over it" if answer is None else answer["dropped"]
         if dropped:
             failed += 1
             logger.warning("%s: left out: %s", item["key"], dropped)
-        logger.info("%d of %d, %s", index + 1, len(waiting), item["key"])
+        count(item["key"])
     return 1 if waiting and failed == len(waiting) else 0

@@ -4,6 +4,7 @@ The document also holds how far float32 and bfloat16 stray from float64 (`precis
 """
 
 import argparse
+import logging
 import math
 from collections.abc import Iterator
 from dataclasses import replace
@@ -14,6 +15,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from arm_blender.commands.progress_line import Counted
 from arm_blender.graphics.cameras import Camera, intrinsics_from_fovy, look_at, orbit_camera, project
 from arm_blender.graphics.light.brdf import MIN_ALPHA, evaluate
 from arm_blender.graphics.meshes import face_areas, signed_areas
@@ -30,6 +32,8 @@ from . import precision
 from .ball import RADIUS, ball, open_edges
 from .hard_views import conflicting_views, strange_views
 from .refined_extremes import refined_extremes
+
+logger = logging.getLogger(__name__)
 
 GRID = 64
 ON_SPHERE = "largest distance of a vertex from the sphere, in grid steps; open edges"
@@ -53,7 +57,10 @@ def run(args: argparse.Namespace) -> int:
         strange_views,
         refined_extremes,
     )
-    rows = [row for part in parts for row in part()]
+    rows, count = list[tuple[str, str, str]](), Counted(len(parts) + 1, logger.info)
+    for part in parts:
+        rows += part()
+        count(part.__name__.replace("_", " "))
     views = load_views(args.views)
     text = paragraphs(
         "# Stability",
