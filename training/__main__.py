@@ -35,6 +35,7 @@ COMMANDS = {
         "training.studies.real_photographs",
         "photographs of a real thing: its cameras beside published ones, and its asset",
     ),
+    "gallery": ("training.studies.gallery_blender", "pictures of what the program makes, and the page of them"),
     "credits": ("training.studies.credits", "list the sources of the training objects"),
 }
 STAGES = {
