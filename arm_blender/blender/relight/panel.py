@@ -2,6 +2,7 @@
 
 import bpy
 
+from ..asset.predicted_light import has_light
 from ..layout import InSidebar
 from .callbacks import FROM_FILE
 from .operators import PICTURE
@@ -35,6 +36,10 @@ class ARM_PT_relight(InSidebar, bpy.types.Panel):
         render.prop(settings, "samples")
         layout.prop(settings, "output")
         layout.operator("arm.relight", text="Render Still", icon="RENDER_STILL").what = "STILL"
+        if has_light(context.active_object):
+            compared = layout.column(align=True)
+            compared.prop(settings, "view")
+            compared.operator("arm.compare_view", icon="ZOOM_SELECTED")
         image = bpy.data.images.get(PICTURE)
         if image is not None and image.preview is not None:
             layout.template_icon(image.preview.icon_id, scale=8.0)

@@ -46,6 +46,7 @@ class ARM_PG_relight(bpy.types.PropertyGroup):
     )
     resolution: IntProperty(name="Resolution", description="Pixels a side", default=512, min=16, max=8192)
     samples: IntProperty(name="Samples", description="Paths a pixel", default=32, min=1, max=65536)
+    view: IntProperty(name="View", description="Of those that the active object was made from", default=1, min=1)
     output: StringProperty(
         name="Output",
         description="The folder of the pictures",
