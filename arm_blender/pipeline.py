@@ -12,10 +12,12 @@ from .errors import CheckpointError, EmptyMeshError
 from .graphics.surface.fairing import fair
 from .graphics.surface.isosurface import extract
 from .graphics.surface.sample_grid import Density, IsosurfaceConfig
+from .light_check.rerendering import check_by_light
 from .machine.memory import lower_if_short
 from .machine.threads import seeded_threads
 from .models import random_weights
 from .models.atlas_cells import surface_cells
+from .models.atlas_network import Painted
 from .models.encoded import Encoded
 from .models.network_views import network_views
 from .models.small.finish import seen_points
@@ -40,9 +42,6 @@ from .views.scene_frame import normalise
 
 GLOSSY_TEXELS = 512
 """Texels a side of the roughness and metallic maps at most: the field behind them is no finer."""
-
-CONSTANT_TOLERANCE = 0.02
-"""A roughness or metallic map that stays this close to one value becomes the value; the eye sees no difference."""
 
 POINTS_AT_ONCE = {"cpu": 2**14, "cuda": 2**18, "mps": 2**17}
 """Points in one call of a field: what the caches of a core, or the memory of a GPU, hold."""
@@ -98,15 +97,20 @@ def generate(
             with report.stage("normal map"), lower_if_short("the normal map", "go without --normal-map"):
                 progress(SHARES["appearance"][1], "baking the normal map")
                 material = detail(mesh, dense, material, report)
+        with report.stage("check by light"):
+            compared = check_by_light(mesh, material, views, report, part(progress, *SHARES["check by light"]))
     if not given and settings.random_weights is None:
         report.doubt(*misfit(mesh, views))
     mesh = frame.restored(mesh, None if given else views.length)
     report.faces, report.charts, report.texture_size = len(mesh.faces), mesh.charts, material.albedo.shape[-1]
-    name = views.name
-    if settings.random_weights is not None:
-        report.leave_out("trained weights", f"--random-weights {settings.random_weights}: the asset means nothing")
-        name += "-random-weights"  # Objects and files say so, wherever they go.
-    return RelightableAsset(name, mesh, material).to("cpu"), report
+    name = views.name if settings.random_weights is None else _meaningless(views.name, settings, report)
+    return RelightableAsset(name, mesh, material, compared).to("cpu"), report
+
+
+def _meaningless(name: str, settings: Settings, report: Report) -> str:
+    """What the result of random weights is called: objects and files say so, wherever they go."""
+    report.leave_out("trained weights", f"--random-weights {settings.random_weights}: the asset means nothing")
+    return f"{name}-random-weights"
 
 
 def own_shape(mesh: TriangleMesh | UvMesh, views: ViewSet, report: Report) -> TriangleMesh | UvMesh:
@@ -213,12 +217,12 @@ def appearance(mesh: UvMesh, views: ViewSet, settings: Settings, report: Report,
         report.leave_out("in-painting", "every texel was seen")
     progress(0.26, "filling unseen texels")
     base = maps.diffuse_fill(colors, known, texels)
-    albedo, baked = paint(views, texels, seen, base, settings, report, part(progress, 0.3, 0.6))
+    albedo, baked, light = paint(views, texels, seen, base, settings, report, part(progress, 0.3, 0.6))
     del seen, base, colors, weight
     said = finish if PRESETS[settings.preset].gloss_network == "finish" else gloss
     roughness, metallic = said(mesh, views, texels, settings, report, part(progress, 0.6, 1.0))
     material = MaterialMaps(maps.pad(albedo, texels.mask), maps.pad(baked, texels.mask), roughness, metallic)
-    material = replace(material, regions=regions_of(mesh, material, texels.mask))
+    material = replace(material, regions=regions_of(mesh, material, texels.mask), light=light)
     return chosen_finishes(material, settings.finish, report)
 
 
@@ -230,17 +234,19 @@ def paint(
     settings: Settings,
     report: Report,
     progress: Progress,
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """What InstantAlbedo says of the atlas, albedo and baked colour; the network's memory is free again afterwards."""
+) -> Painted:
+    """What InstantAlbedo says of the atlas, and of the light; the network's memory is free again afterwards."""
     progress(0.0, "InstantAlbedo: loading")
-    network = networks.load("instant_albedo", settings)
+    network: Any = networks.load("instant_albedo", settings)
     painting = partial(progress, 0.1, "InstantAlbedo: painting")
     painting()
     with networks.running(network, settings, report, painting):
-        found = network(views.images, texels, seen, base)
-    finite = all(bool(image.isfinite()[:, texels.mask].all()) for image in found)
+        found: Painted = network.painted(views.images, texels, seen, base)
+    finite = all(bool(image.isfinite()[:, texels.mask].all()) for image in found[:2])
+    finite = finite and (found.light is None or bool(found.light.isfinite().all()))
     _require_numbers(finite, "instant_albedo", views, settings)
-    return found
+    # Of random weights it means nothing.
+    return found if settings.random_weights is None else found._replace(light=None)
 
 
 def finish(
@@ -259,7 +265,7 @@ def finish(
     with networks.running(network, settings, report, reading):
         glossy = network.maps(surface, points)
     _require_numbers(bool(glossy[:, covered].isfinite().all()), "finish", views, settings)
-    return _gloss_maps(glossy, covered, report)
+    return maps.gloss_maps(glossy, covered, report)
 
 
 def gloss(
@@ -277,18 +283,7 @@ def gloss(
         values.append(network(encoded, chunk[None])[0])
     glossy = texels.position.new_zeros(2, *texels.mask.shape)
     glossy[:, texels.mask] = torch.cat(values).T
-    return _gloss_maps(glossy, texels.mask, report)
-
-
-def _gloss_maps(glossy: torch.Tensor, mask: torch.Tensor, report: Report) -> tuple[torch.Tensor | float, ...]:
-    """Roughness and metallic of `glossy` (2, T, T), padded beyond the mask (T, T), or a value where the map is one."""
-    result: list[torch.Tensor | float] = []
-    for name, image in zip(("roughness", "metallic"), maps.pad(glossy, mask).split(1), strict=True):
-        constant = maps.constant_value(image, mask, CONSTANT_TOLERANCE)
-        if constant is not None:
-            report.leave_out(f"{name} texture", f"it is {constant:.2f} everywhere")
-        result.append(image if constant is None else constant)
-    return tuple(result)
+    return maps.gloss_maps(glossy, texels.mask, report)
 
 
 def _require_numbers(finite: bool, network: str, views: ViewSet, settings: Settings) -> None:

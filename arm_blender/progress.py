@@ -5,7 +5,7 @@ from collections.abc import Callable
 Progress = Callable[[float, str], None]
 """Called with a fraction in [0, 1] and what is being done. It raises `Cancelled` when the user has stopped the run."""
 
-SHARES = {"shape": (0.0, 0.4), "unwrap": (0.4, 0.6), "appearance": (0.6, 0.95)}
+SHARES = {"shape": (0.0, 0.4), "unwrap": (0.4, 0.6), "appearance": (0.6, 0.95), "check by light": (0.97, 1.0)}
 """Of the pipeline's progress, from where to where each stage goes."""
 
 

@@ -55,6 +55,8 @@ class Report:
         regions: parts of one finish: number, share of the surface, colour, what roughness and metallic are predicted in
             the mean, and the finish where one was set.
         values: maps that are one value as predicted, by name.
+        light: of the views as predicted: `harmonics` (9 of red, green and blue), and how near the asset under it comes
+            to them, `psnr` in dB (`light_check.rerendering`), in the mean and of each of `views`; None without.
         view_light: linear Rec.709, the light in the views' colours (`structures.Regions`); None without regions.
         left_out: what was not done, and why.
     """
@@ -78,6 +80,7 @@ class Report:
     refinement: dict[str, Any] | None = None
     regions: list[dict[str, Any]] = field(default_factory=list)
     values: dict[str, float] = field(default_factory=dict)
+    light: dict[str, Any] | None = None
     view_light: list[float] | None = None
     left_out: list[LeftOut] = field(default_factory=list)
 
@@ -139,6 +142,7 @@ class Report:
             "refinement": self.refinement,
             "regions": self.regions,
             "values": self.values,
+            "light": self.light,
             "view_light": self.view_light,
             "left_out": [{"what": note.what, "why": note.why} for note in self.left_out],
         }

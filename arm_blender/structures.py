@@ -239,6 +239,8 @@ class MaterialMaps:
         metallic: (1, T, T) in [0, 1], or the one value.
         normal: (3, T, T) unit vectors in tangent space (`uv.normal_map`); None where the mesh's own will do.
         regions: parts of one finish; None where the maps were not cut into any.
+        light: (9, 3) of the views, by which the albedo was found, as of `spherical_harmonics.gathered`; None where the
+            networks find none.
     """
 
     albedo: Tensor
@@ -247,6 +249,7 @@ class MaterialMaps:
     metallic: Tensor | float
     normal: Tensor | None = None
     regions: Regions | None = None
+    light: Tensor | None = None
 
     def to(self, device: torch.device | str) -> "MaterialMaps":
         """The same on another device."""
@@ -270,15 +273,17 @@ class RelightableAsset:
         name: of the object and its files.
         mesh: with its atlas.
         maps: material maps on that atlas.
+        comparison: (3, H, W) uint8 sRGB, the views beside the asset under their light (`light_check`); None without.
     """
 
     name: str
     mesh: UvMesh
     maps: MaterialMaps
+    comparison: Tensor | None = None
 
     def to(self, device: torch.device | str) -> "RelightableAsset":
         """The same on another device."""
-        return RelightableAsset(self.name, self.mesh.to(device), self.maps.to(device))
+        return replace(self, mesh=self.mesh.to(device), maps=self.maps.to(device))
 
 
 def stack_cameras(cameras: Sequence[Camera]) -> tuple[Tensor, Tensor]:

@@ -24,6 +24,7 @@ FLOORS: list[set[str]] = [  # Of arm_blender: a room knows itself and those on l
     {"graphics.raster", "graphics.surface", "graphics.light"},
     {"refinement"},
     {"uv"},
+    {"light_check"},
     {"models"},
     {"models.paper", "models.small"},
     {"weight_files"},

@@ -53,6 +53,17 @@ def test_the_shape_fills_the_silhouettes(result, views):
         assert inside > 0.9 and 0.9 < span < 1.1
 
 
+def test_the_light_is_kept_and_the_asset_under_it_is_near_the_views(result, views):
+    asset, report = result
+    told = report.as_dict()["light"]
+    assert [one["view"] for one in told["views"]] == list(views.called)
+    # Of a barrel so bright under so bright a sky: without the light's level the two would be 10 dB apart.
+    assert all(14.0 < one["psnr"] < 40.0 for one in told["views"])
+    torch.testing.assert_close(torch.tensor(told["harmonics"]), asset.maps.light)
+    height = asset.comparison.shape[1] // len(views.cameras)
+    assert asset.comparison.dtype == torch.uint8 and asset.comparison.shape[2] == 3 * height
+
+
 def test_the_maps_are_whole_and_in_range(result):
     maps = result[0].maps
     for name, channels in (("albedo", 3), ("baked", 3), ("roughness", 1), ("metallic", 1)):
@@ -69,7 +80,7 @@ def test_the_barrel_is_blue(result):
 def test_the_report_says_what_was_made(result):
     report = result[1].as_dict()
     assert report["faces"] == len(result[0].mesh.faces) <= QUICK.resolved.faces
-    assert set(report["seconds"]) == {"shape", "unwrap", "appearance"}
+    assert set(report["seconds"]) == {"shape", "unwrap", "appearance", "check by light"}
     assert 0.5 < report["seen_share"] <= 1.0
 
 

@@ -44,6 +44,7 @@ def _modules() -> tuple[ModuleType, ...]:
     from . import cli
     from .asset import export_operator, view_switch
     from .generate import (
+        compare_operator,
         draw_views_operator,
         mask_operators,
         matting_operator,
@@ -72,5 +73,5 @@ def _modules() -> tuple[ModuleType, ...]:
     runs = (operators, input_operators, example_operator, draw_views_operator, *photographs)
     making = (properties, view_switch, *setup, *runs, recall, panels, result_panel)
     finishing = (material_properties, swatches, material_operators, pick_operator, material_panel)
-    relighting = (relight_properties, relight_operators, export_operator, relight_panel)
+    relighting = (relight_properties, relight_operators, compare_operator, export_operator, relight_panel)
     return (*making, *finishing, *relighting, cli)

@@ -8,7 +8,7 @@ import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..errors import ArmError
 from ..knobs.finishes import EXAMPLE, PRESETS, Finish, finishes_of, words_of
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
             regions = replace(regions, finishes=finishes)
             maps = replace(written.asset.maps, regions=regions)
             asset = replace(written.asset, maps=maps)
-            report = written.report | {"regions": described(maps)}
+            report = written.report | {"regions": described(maps)} | _not_checked(written.report)
 
             def blender_files(stage: Path) -> None:
                 progress(0.6, "writing the .blend")
@@ -77,6 +77,12 @@ def _asked(words: str | None) -> dict[int, Finish]:
         return {} if words is None else finishes_of(words)
     except ArmError as error:
         raise UsageError(f"--set {error}") from error
+
+
+def _not_checked(report: dict[str, Any]) -> dict[str, Any]:
+    """The light in a report without what was measured by it: that was of the asset as it was."""
+    light = report.get("light")
+    return {} if light is None else {"light": light | {"psnr": None, "views": []}}
 
 
 def _write_blender_files(asset: RelightableAsset, directory: Path, stage: Path, words: str) -> None:

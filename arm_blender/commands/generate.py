@@ -70,7 +70,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     result.add_argument(
         "--export", type=formats, default="glb", metavar="F,F", help="besides .blend: glb (default), usd, usdz, obj"
     )
-    result.add_argument("--preview", action="store_true", help="also render preview.png, by Cycles")
+    result.add_argument("--preview", action="store_true", help="also render preview.png, and draw comparison.png")
     result.add_argument("--strict", action="store_true", help="status 1 where a result may be wrong (doubtful)")
     progress_line.add_option(result)
 
@@ -134,6 +134,7 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
     check_output(args.output)
     report = run_of.begin(args.preset, args.device, args.seed, progress)
     from ..export import write_asset, written_names
+    from ..export.light_file import COMPARISON, write_comparison
     from ..export.one_asset import check_asset_folder, source_of
     from ..photographs.cameras.solving import SolvingOptions
     from ..photographs.intake import load_views, views_are_made
@@ -166,6 +167,8 @@ def produce(args: argparse.Namespace, progress: Progress, name: str | None = Non
     kept = _record(args, settings, options, made, [frame.scale, *frame.center.tolist()])
 
     def add_blender_files(stage: Path) -> None:
+        if args.preview and asset.comparison is not None:
+            write_comparison(asset.comparison, stage / COMPARISON)
         _write_blender_files(asset, stage, kept, args.preview, report, part(progress, 0.9, 0.99))
 
     files = write_asset(asset, report, args.output, part(progress, 0.85, 0.9), add_blender_files, kinds)

@@ -13,6 +13,7 @@ from ..report import FILE_NAME, Report
 from ..structures import RelightableAsset
 from ..uv.finish import finished
 from .gltf import write_glb
+from .light_file import COMPARISON, LIGHT, write_light
 from .obj import write_obj
 from .regions_picture import write_regions_picture
 from .textures import FOLDER, PREDICTED, REGIONS, SET_BY_HAND, write_regions, write_textures
@@ -61,7 +62,8 @@ def written_names(name: str, formats: Sequence[str]) -> list[str]:
     suffixes = [".blend", *(FORMATS[chosen].suffix for chosen in formats), *([".mtl"] if "obj" in formats else [])]
     textures = [f"{FOLDER}/{kind}.png" for kind in ("albedo", "roughness", "metallic", "baked", "normal")]
     textures += [f"{FOLDER}/{REGIONS}", *(f"{FOLDER}/{PREDICTED}/{kind}.png" for kind in SET_BY_HAND)]
-    return [*(f"{name}{suffix}" for suffix in suffixes), *textures, REGIONS, "preview.png", FILE_NAME]
+    pictures = [REGIONS, LIGHT, COMPARISON, "preview.png"]
+    return [*(f"{name}{suffix}" for suffix in suffixes), *textures, *pictures, FILE_NAME]
 
 
 def write_asset(
@@ -140,6 +142,8 @@ def _write_formats(asset: RelightableAsset, stage: Path, formats: Sequence[str],
     write_textures(asset.maps, stage / FOLDER)
     write_regions(predicted.maps, stage / FOLDER)
     write_regions_picture(asset, stage / REGIONS)
+    if asset.maps.light is not None:
+        write_light(asset.maps.light, stage / LIGHT)
     for name in formats:
         path = stage / f"{asset.name}{FORMATS[name].suffix}"
         progress(0.5, f"writing {path.name}")
@@ -159,6 +163,10 @@ def _move_into(directory: Path, stage: Path) -> list[Path]:
             raise OutputError(f"{target}: is a folder where a file has to be; move it away or change --output")
         if target.parent.exists() and not target.parent.is_dir():
             raise OutputError(f"{target.parent}: is a file where a folder has to be; move it away or change --output")
+    if is_whole(directory):  # What an older asset had and this one has not, would be taken for its own.
+        for name in (LIGHT, COMPARISON):
+            if not (stage / name).exists():
+                (directory / name).unlink(missing_ok=True)
     (directory / FILE_NAME).unlink(missing_ok=True)
     for path in files[:-1]:
         (directory / path).parent.mkdir(exist_ok=True)

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from torch import Tensor
 
 from ..errors import ArmError
 from ..graphics.color import linear_from_srgb
+from ..graphics.light.spherical_harmonics import COUNT
 from ..knobs.finishes import finish_of
 from ..report import FILE_NAME
 from ..structures import Regions, RelightableAsset, UvMesh
@@ -55,6 +56,7 @@ def read_asset(directory: Path) -> WrittenAsset:
         raise ArmError(f"{directory}: the mesh of {name} has lost its UVs; generate it again")
     try:
         maps = read_maps(directory / FOLDER, report["values"], lambda index: _regions(index, report), _detailed(report))
+        maps = replace(maps, light=_light(report))
         charts = int(report["charts"])
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise ArmError(f"{directory / FILE_NAME}: does not fit its textures ({error}); generate it again") from error
@@ -79,6 +81,16 @@ def _report(directory: Path) -> dict[str, Any]:
 def _detailed(report: Mapping[str, Any]) -> bool:
     """Whether the run made a normal map."""
     return "normal map" in report["seconds"] and all(note["what"] != "normal map" for note in report["left_out"])
+
+
+def _light(report: Mapping[str, Any]) -> Tensor | None:
+    """(9, 3) harmonics of a report; None where it has none, as those of earlier versions."""
+    if report.get("light") is None:
+        return None
+    light = torch.tensor(report["light"]["harmonics"], dtype=torch.float32)
+    if light.shape != (COUNT, 3) or not bool(light.isfinite().all()):
+        raise ValueError(f"a light of {tuple(light.shape)} numbers")
+    return light
 
 
 def _regions(index: Tensor, report: Mapping[str, Any]) -> Regions:

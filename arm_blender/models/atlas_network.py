@@ -6,6 +6,7 @@ The networks see sRGB; colours are linear at both ends.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -42,6 +43,19 @@ class AtlasNetworkConfig:
         return max(self.unet.multiple, 2**self.ffc.downs)
 
 
+class Painted(NamedTuple):
+    """Colours of an atlas.
+
+    Attributes:
+        albedo, baked: (3, T, T) linear in [0, 1]; meaningless where no chart lies.
+        light: (9, 3) of the views, as of `spherical_harmonics.gathered`; None where none was found.
+    """
+
+    albedo: Tensor
+    baked: Tensor
+    light: Tensor | None
+
+
 class AtlasNetwork(nn.Module):
     """Encoder, U-Net and FFC-Net; what their numbers mean is said by who inherits.
 
@@ -55,6 +69,11 @@ class AtlasNetwork(nn.Module):
         self.encoder: nn.Module = MaterialEncoder(config.encoder)
         self.unet = Unet(_VIEW_CHANNELS + config.encoder.out_channels, config.unet)
         self.ffc: FfcGenerator | Unet = FfcGenerator(config.unet.out_channels + FUSED_CHANNELS + told, 6, config.ffc)
+
+    def painted(self, images: Tensor, texels: TexelMap, seen: TexelViews, base: Tensor) -> Painted:
+        """What `forward` says, which see, and the light where the network finds one."""
+        albedo, baked = self(images, texels, seen, base)
+        return Painted(albedo, baked, None)
 
     def surface(self, images: Tensor, texels: TexelMap, seen: TexelViews, base: Tensor, resolution: int) -> Tensor:
         """(7, n, n) the cells that the networks run on, n the resolution: share covered, position, normal.

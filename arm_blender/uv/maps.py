@@ -4,9 +4,13 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from ..report import Report
 from ..structures import TexelMap
 
 FILL_RESOLUTION = 64  # Cells a side of the grid in which seen colours spread to unseen texels.
+CONSTANT_TOLERANCE = 0.02
+"""A roughness or metallic map that stays this close to one value becomes the value; the eye sees no difference."""
+
 ENOUGH = 1.0  # Seen texels around a point before their mean stands without that of the coarser level.
 
 
@@ -75,6 +79,17 @@ def constant_value(image: Tensor, mask: Tensor, tolerance: float) -> float | Non
         return None
     low, high = values.aminmax()
     return float(low + high) / 2.0 if float(high - low) <= 2.0 * tolerance else None
+
+
+def gloss_maps(glossy: Tensor, mask: Tensor, report: Report) -> tuple[Tensor | float, ...]:
+    """Roughness and metallic of `glossy` (2, T, T), padded beyond the mask (T, T), or a value where the map is one."""
+    result: list[Tensor | float] = []
+    for name, image in zip(("roughness", "metallic"), pad(glossy, mask).split(1), strict=True):
+        constant = constant_value(image, mask, CONSTANT_TOLERANCE)
+        if constant is not None:
+            report.leave_out(f"{name} texture", f"it is {constant:.2f} everywhere")
+        result.append(image if constant is None else constant)
+    return tuple(result)
 
 
 def _nearest_covered(mask: Tensor) -> Tensor:

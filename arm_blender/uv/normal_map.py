@@ -79,7 +79,7 @@ def bake_normal_map(
     found = face != MISS
     smooth = angle_weighted_normals(dense.vertices, dense.faces)[dense.faces[face[found]]]
     target = functional.normalize((where[found, :, None] * smooth).sum(dim=1))
-    tangent, bitangent = _frame(mesh, own, fragments, normal)
+    tangent, bitangent = tangent_frame(mesh, own, fragments, normal)
     texels = position.new_tensor(FLAT).expand(len(position), 3).clone()
     texels[found] = _in_frame(target, tangent[found], bitangent[found], normal[found], config.steepest)
     image = position.new_zeros(3, size, size)
@@ -94,8 +94,14 @@ def unit_from_normals(normals: Tensor) -> Tensor:
     return 0.5 + 0.5 * normals
 
 
-def _frame(mesh: UvMesh, normals: Tensor, fragments: Fragments, normal: Tensor) -> tuple[Tensor, Tensor]:
-    """(P, 3) tangents and bitangents at the covered texels, as long as they come out of the interpolation."""
+def tangent_frame(mesh: UvMesh, normals: Tensor, fragments: Fragments, normal: Tensor) -> tuple[Tensor, Tensor]:
+    """(P, 3) tangents and bitangents where a face is, as long as they come out of the interpolation.
+
+    Args:
+        normals: (N, 3) unit, of the vertices.
+        fragments: of the mesh, in its atlas or before a camera.
+        normal: (P, 3) `normals`, interpolated.
+    """
     tangents, turn = corner_tangents(mesh, normals)
     corners = torch.arange(3 * len(mesh.faces), device=tangents.device).view(-1, 3)
     tangent = interpolate(tangents.reshape(-1, 3), corners, fragments)[:, fragments.mask].T

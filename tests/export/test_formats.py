@@ -13,6 +13,7 @@ from arm_blender.errors import ArmError
 from arm_blender.export import FORMATS, formats_of, write_asset, written_names
 from arm_blender.export.usd import ALIGNMENT
 from arm_blender.graphics.color import srgb_from_linear
+from arm_blender.graphics.light.spherical_harmonics import WHITE
 from arm_blender.report import Report
 from arm_blender.structures import MaterialMaps, RelightableAsset, UvMesh
 
@@ -34,7 +35,8 @@ def asset() -> RelightableAsset:
     normal = functional.normalize(
         torch.rand(3, T, T, generator=generator) + torch.tensor([-0.5, -0.5, 1])[:, None, None], dim=0
     )
-    return RelightableAsset(NAME, mesh, MaterialMaps(albedo, baked, roughness, 0.2, normal))
+    light = torch.cat([torch.full((1, 3), WHITE), 0.3 * torch.randn(8, 3, generator=generator)])
+    return RelightableAsset(NAME, mesh, MaterialMaps(albedo, baked, roughness, 0.2, normal, light=light))
 
 
 @pytest.fixture
@@ -47,7 +49,7 @@ def test_all_that_is_written_was_announced(asset, out):
     found = {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()}
     announced = set(written_names(NAME, tuple(FORMATS)))
     of_regions = {name for name in announced if "regions" in name or "predicted" in name}  # It has none.
-    assert found | {f"{NAME}.blend", "preview.png"} == announced - of_regions
+    assert found | {f"{NAME}.blend", "preview.png", "comparison.png"} == announced - of_regions
 
 
 def test_names_of_formats_are_checked():

@@ -1,6 +1,7 @@
 """Regions on disk: what was predicted comes back, and every format shows what was set."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from arm_blender.errors import ArmError
 from arm_blender.export import FORMATS, rewrite_asset, write_asset, written_names
 from arm_blender.export.asset_folder import read_asset
 from arm_blender.graphics.color import srgb_from_linear
+from arm_blender.graphics.light.spherical_harmonics import COUNT, WHITE
 from arm_blender.knobs.finishes import PRESETS, finishes_of
 from arm_blender.report import Report
 from arm_blender.structures import MaterialMaps, Regions, RelightableAsset, UvMesh
@@ -56,6 +58,11 @@ def set_again(folder, words: str | None):
     maps = chosen_finishes(plain, words, report)
     again = RelightableAsset(found.asset.name, found.asset.mesh, maps)
     rewrite_asset(again, found.report | {"regions": report.regions}, folder, found.formats)
+
+
+def with_light(folder, harmonics) -> None:
+    report = json.loads((folder / "report.json").read_text())
+    (folder / "report.json").write_text(json.dumps(report | {"light": {"harmonics": harmonics}}))
 
 
 def pixels(path) -> np.ndarray:
@@ -122,6 +129,35 @@ def test_a_folder_gives_its_asset_back(asset, tmp_path):
     assert torch.equal(corners, before)
 
 
+def test_the_light_goes_along_and_an_asset_without_takes_it_away(asset, tmp_path):
+    folder = tmp_path / "out"
+    light = torch.zeros(COUNT, 3)
+    light[0], light[2] = WHITE, 1.0
+    lit = replace(asset, maps=replace(asset.maps, light=light))
+    report = Report("small", "cpu", 0, name=asset.name, charts=asset.mesh.charts)
+    report.light = {"harmonics": light.tolist(), "psnr": 20.0, "views": []}
+    lit = replace(lit, maps=chosen_finishes(lit.maps, None, report))
+    write_asset(lit, report, folder, further=lambda stage: (stage / "comparison.png").write_bytes(b"sheet"))
+    found = read_asset(folder)
+    assert torch.equal(found.asset.maps.light, light)
+    before = (folder / "light.exr").read_bytes()
+    rewrite_asset(found.asset, found.report, folder, found.formats)
+    assert (folder / "light.exr").read_bytes() == before
+    # What was compared was the asset as it was.
+    assert not (folder / "comparison.png").exists()
+    report.light = None
+    write_asset(asset, report, folder)
+    assert not (folder / "light.exr").exists() and read_asset(folder).asset.maps.light is None
+
+
+def test_what_is_not_of_an_asset_of_ours_stays(asset, tmp_path):
+    own = tmp_path / "out" / "light.exr"
+    own.parent.mkdir()
+    own.write_bytes(b"mine")
+    written(asset, own.parent, None)
+    assert own.read_bytes() == b"mine"
+
+
 def test_setting_and_taking_back_leaves_every_file_as_it_was(asset, tmp_path):
     folder = written(asset, tmp_path / "out", None)
     set_again(folder, None)  # The mesh's vertices have the order of the reader from here on.
@@ -147,11 +183,12 @@ def test_setting_later_is_as_setting_at_once(asset, tmp_path):
         (lambda folder: (folder / "report.json").unlink(), "holds no whole asset"),
         (lambda folder: (folder / "report.json").write_text("{}"), "holds no whole asset"),
         (lambda folder: [(folder / f"cup.{kind}").unlink() for kind in ("glb", "obj")], "--export glb"),
+        (lambda folder: with_light(folder, [[1.0, 1.0]]), "does not fit its textures"),
         (lambda folder: (folder / "textures" / "regions.png").unlink(), "no regions of ours"),
         (lambda folder: (folder / "textures" / "regions.png").write_bytes(b"no"), "no regions of ours"),
         (lambda folder: (folder / "textures" / "baked.png").unlink(), "baked.png"),
     ],
-    ids=["no report", "another report", "no mesh", "no regions", "spoilt regions", "no texture"],
+    ids=["no report", "another report", "no mesh", "another light", "no regions", "spoilt regions", "no texture"],
 )
 def test_what_is_missing_is_said_in_one_line(asset, tmp_path, spoil, line):
     folder = written(asset, tmp_path / "out", None)

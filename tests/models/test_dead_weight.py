@@ -68,7 +68,7 @@ def on_atlas(network: nn.Module, views: ViewSet) -> Tensor:
     network.delighting.log_gain = lambda points: read.append(points) or log_gain(points)
     colors = torch.cat(network(views.images, texels, seen, base))[:, texels.mask]
     # In the network itself this is no part of the gradient: a stage of its own learns it.
-    return torch.cat([colors.flatten(), log_gain(*read).flatten()])
+    return torch.cat([colors.flatten(), log_gain(*read)[0].flatten()])
 
 
 def of_evidence(network: Finish, _: ViewSet) -> Tensor:

@@ -11,6 +11,7 @@ from ...version import VERSION
 from ..compat import shader_tree
 from .finish_nodes import finish_node
 from .material_nodes import NORMAL, UV_MAP, build_material
+from .predicted_light import keep_light
 
 
 def build_object(
@@ -24,13 +25,14 @@ def build_object(
     Args:
         asset: mesh, atlas and maps.
         settings: what it was made with (`AssetRecord.as_json`), kept on the object as `arm_settings`, beside
-            `arm_version`.
+            `arm_version` and the light of the views.
         scene: where it goes; the scene of the context by default.
     """
     scene = bpy.context.scene if scene is None else scene
     mesh = build_mesh(asset.name, asset.mesh)
     created = bpy.data.objects.new(asset.name, mesh)
     mesh.materials.append(build_material(created.name, asset.maps))
+    keep_light(created, asset.maps.light)
     _keep_settings(created, settings)
     collection = bpy.data.collections.new(asset.name)
     collection.objects.link(created)
@@ -91,6 +93,7 @@ def replace_maps(shown: bpy.types.Object, maps: MaterialMaps, settings: Mapping[
         for block in {old, *images} - {normal}:
             block.name = f"old {block.name}"  # The new ones take their names.
     slot.material = build_material(shown.name, maps, normal)
+    keep_light(shown, maps.light)
     _keep_settings(shown, settings)
     if replaced:
         bpy.data.materials.remove(old)

@@ -78,6 +78,13 @@ def light_by_environment(scene: bpy.types.Scene, path: Path, rotation_deg: float
     return world
 
 
+def pack_environment(world: bpy.types.World) -> None:
+    """Keep the map of a world of `light_by_environment` in the .blend."""
+    for node in shader_tree(world).nodes:
+        if node.type == "TEX_ENVIRONMENT":
+            node.image.pack()
+
+
 def turn_environment(world: bpy.types.World, rotation_deg: float) -> bool:
     """Turn what lights a scene about the vertical, counter-clockwise seen from above; False where it is not of ours."""
     turned = world.node_tree.nodes.get(_ROTATION) if world.node_tree is not None else None
@@ -154,7 +161,7 @@ def add_camera(
 
 
 def add_view_camera(scene: bpy.types.Scene, camera: "Camera") -> bpy.types.Object:
-    """A pinhole camera of ours, with its principal point in the middle, as the scene's camera and its resolution."""
+    """A pinhole camera of ours, of square pixels, as the scene's camera and its resolution."""
     lens = bpy.data.cameras.new("Camera")
     lens.sensor_fit, lens.clip_start = "HORIZONTAL", 0.01
     holder = bpy.data.objects.new(lens.name, lens)
@@ -167,7 +174,11 @@ def add_view_camera(scene: bpy.types.Scene, camera: "Camera") -> bpy.types.Objec
 def aim_view_camera(scene: bpy.types.Scene, camera: "Camera") -> None:
     """Bring the camera of `add_view_camera` to where another of ours is."""
     scene.camera.matrix_world = Matrix(camera.c2w.tolist())
-    scene.camera.data.angle = 2.0 * math.atan(camera.width / (2.0 * float(camera.K[0, 0])))
+    lens = scene.camera.data
+    lens.angle = 2.0 * math.atan(camera.width / (2.0 * float(camera.K[0, 0])))
+    # In widths, of the picture against the optical axis.
+    lens.shift_x = 0.5 - float(camera.K[0, 2]) / camera.width
+    lens.shift_y = (float(camera.K[1, 2]) - 0.5 * camera.height) / camera.width
     scene.render.resolution_x, scene.render.resolution_y = camera.width, camera.height
 
 

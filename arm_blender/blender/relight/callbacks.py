@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 FROM_FILE = "FILE"
 """The choice of a file of the user's own."""
 
+FROM_VIEWS = "VIEWS"
+"""The choice of the light that was predicted from the views of the active object."""
+
 _shown: list[tuple[str, str, str]] = []
 """What the menus show now: Blender keeps no reference to the words that it is given."""
 
@@ -23,7 +26,9 @@ def environments(_settings: bpy.types.PropertyGroup, _context: bpy.types.Context
     from .environments import shipped_environments
 
     shipped = [(name, name.capitalize(), "Comes with Blender") for name in shipped_environments()]
-    _shown[:] = [*shipped, (FROM_FILE, "File", "An environment map of your own")]
+    # At the end: a choice is stored as its place.
+    views = (FROM_VIEWS, "Light of the Views", "As it was predicted from the views of the active object")
+    _shown[:] = [*shipped, (FROM_FILE, "File", "An environment map of your own"), views]
     return _shown
 
 

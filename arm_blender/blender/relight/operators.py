@@ -8,7 +8,8 @@ import bpy
 from bpy.props import EnumProperty
 
 from ...errors import ArmError
-from .callbacks import FROM_FILE
+from ..asset.predicted_light import light_file
+from .callbacks import FROM_FILE, FROM_VIEWS
 
 PICTURE = "ARM Relight"
 """The image of the open file that shows the newest render."""
@@ -102,7 +103,7 @@ class ARM_OT_relight(bpy.types.Operator):
 
         settings = context.scene.arm_relight
         self._source = context.active_object.name
-        self._output = _folder(settings.output)
+        self._output = output_folder(settings.output)
         self._done: list[Path] = []
         self._config = RelightConfig(
             settings.engine,
@@ -112,9 +113,10 @@ class ARM_OT_relight(bpy.types.Operator):
             settings.turning,
             math.degrees(settings.rotation),
         )
-        chosen = [_environment(settings.environment, settings.environment_file)]
+        shown = context.active_object
+        chosen = [_environment(settings.environment, settings.environment_file, shown)]
         if settings.compare:
-            chosen.append(_environment(settings.second, settings.second_file))
+            chosen.append(_environment(settings.second, settings.second_file, shown))
         self._waiting = frames(chosen, self._config, compare=settings.compare)
         if self._config.engine == "eevee":
             check_eevee()
@@ -136,7 +138,7 @@ class ARM_OT_relight(bpy.types.Operator):
 
             files.append(files[0].with_name(f"{files[0].stem.rpartition('_')[0]}.mp4"))
             write_video(files[-1], self._done, settings.frames_per_second)
-        _show(context, self._done[-1])
+        show_picture(context, self._done[-1])
         self.report({"INFO"}, f"{files[-1]}" if len(files) == 1 else f"{len(files)} files in {self._output}")
         return {"FINISHED"}
 
@@ -149,14 +151,16 @@ class ARM_OT_light_scene(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..asset.studio import light_by_environment
+        from ..asset.studio import light_by_environment, pack_environment
         from .environments import environment_path
 
         settings = context.scene.arm_relight
         before = context.scene.world
         try:
-            path = environment_path(_environment(settings.environment, settings.environment_file))
-            light_by_environment(context.scene, path, math.degrees(settings.rotation))
+            chosen = _environment(settings.environment, settings.environment_file, context.active_object)
+            world = light_by_environment(context.scene, environment_path(chosen), math.degrees(settings.rotation))
+            if settings.environment == FROM_VIEWS:  # Its file goes when Blender does.
+                pack_environment(world)
         except ArmError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -170,8 +174,10 @@ def can_be_relit(active: bpy.types.Object | None) -> bool:
     return active is not None and active.type == "MESH" and len(active.data.polygons) > 0
 
 
-def _environment(name: str, file: str) -> str:
-    """The chosen environment, as `environment_path` takes it."""
+def _environment(name: str, file: str, shown: bpy.types.Object | None) -> str | Path:
+    """The chosen environment, as `environment_path` takes it; `shown` is the object whose views' light it may be."""
+    if name == FROM_VIEWS:
+        return light_file(shown)
     if name != FROM_FILE:
         return name
     if not file:
@@ -179,7 +185,7 @@ def _environment(name: str, file: str) -> str:
     return bpy.path.abspath(file)
 
 
-def _folder(path: str) -> Path:
+def output_folder(path: str) -> Path:
     """The folder that the user named; relative to the open file, which has to be saved for that."""
     if path.startswith("//") and not bpy.data.filepath:
         raise ArmError("Save the file first, or choose a folder that does not begin with //")
@@ -188,7 +194,7 @@ def _folder(path: str) -> Path:
     return Path(bpy.path.abspath(path))
 
 
-def _show(context: bpy.types.Context, picture: Path) -> None:
+def show_picture(context: bpy.types.Context, picture: Path) -> None:
     """The newest picture as an image of the open file, anew in the panel and in every editor that shows it."""
     image = bpy.data.images.get(PICTURE)
     if image is None:

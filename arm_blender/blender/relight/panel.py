@@ -2,6 +2,7 @@
 
 import bpy
 
+from ..asset.predicted_light import has_light
 from ..layout import InSidebar, draw_notice, line_width
 from .callbacks import FROM_FILE
 from .operators import PICTURE, can_be_relit
@@ -39,6 +40,10 @@ class ARM_PT_relight(InSidebar, bpy.types.Panel):
         if settings.output.startswith("//") and not bpy.data.filepath:
             draw_notice(layout, "Save the file, or choose another folder", line_width(context), "INFO")
         layout.operator("arm.relight", text="Render Still", icon="RENDER_STILL").what = "STILL"
+        if has_light(context.active_object):
+            compared = layout.column(align=True)
+            compared.prop(settings, "view")
+            compared.operator("arm.compare_view", icon="ZOOM_SELECTED")
         image = bpy.data.images.get(PICTURE)
         if image is not None and image.preview is not None:
             layout.template_icon(image.preview.icon_id, scale=8.0)

@@ -64,6 +64,12 @@ class ARM_PG_relight(bpy.types.PropertyGroup):
         min=1,
         max=65536,
     )
+    view: IntProperty(
+        name="View",
+        description="Number of the picture, of those that the active object was made from",
+        default=1,
+        min=1,
+    )
     output: StringProperty(
         name="Output",
         description="Folder that the pictures are written to; // is that of the saved file",

@@ -150,7 +150,7 @@ def render_frames(
                     scene.world, config.rotation_deg + (degrees if config.turning == "environment" else 0.0)
                 )
                 renders.append(Path(folder) / f"{index}.png")
-                _render(scene, renders[-1])
+                render_scene(scene, renders[-1])
             pictures.append(Path(output) / f"{name}_{frame.name}")
             with written_by_blender(pictures[-1]) as partial:
                 if len(renders) == 1:
@@ -216,7 +216,8 @@ def _show(scene: bpy.types.Scene, source: bpy.types.Object | Path | str, config:
     return pivot
 
 
-def _render(scene: bpy.types.Scene, picture: Path) -> None:
+def render_scene(scene: bpy.types.Scene, picture: Path) -> None:
+    """Writes what the scene's camera sees, as its settings say."""
     with written_by_blender(picture) as partial:
         scene.render.filepath = str(partial)
         bpy.ops.render.render(scene=scene.name, write_still=True)

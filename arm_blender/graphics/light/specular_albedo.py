@@ -38,9 +38,15 @@ def specular_albedo(n_dot_v: Tensor, roughness: Tensor, f0: Tensor) -> Tensor:
 
 @functools.cache
 def _table() -> Tensor:
-    """(2, ROUGHNESSES, COSINES) float64 scale and bias, by sampling the visible normals (Heitz 2018)."""
+    """(2, ROUGHNESSES, COSINES) float64 scale and bias."""
+    # Row by row, which stays in the cache: half the time.
+    return torch.cat([_rows(one) for one in torch.linspace(0.0, 1.0, ROUGHNESSES, dtype=torch.float64).split(1)], dim=1)
+
+
+def _rows(roughness: Tensor) -> Tensor:
+    """(2, R, COSINES) of the table, for (R,) values of roughness, by sampling the visible normals (Heitz 2018)."""
     n_dot_v = torch.linspace(0.0, 1.0, COSINES, dtype=torch.float64).square().clamp(min=1e-8)[None, :, None]
-    roughness = torch.linspace(0.0, 1.0, ROUGHNESSES, dtype=torch.float64)[:, None, None]
+    roughness = roughness[:, None, None]
     alpha = roughness.square().clamp(min=1e-3)
     index = torch.arange(SAMPLES, dtype=torch.float64)
     # A Fibonacci lattice: evener than strata.

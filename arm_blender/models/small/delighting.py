@@ -159,13 +159,16 @@ class Delighting(nn.Module):
         gain = torch.expm1(_MOST * torch.tanh(gain / _MOST))
         return Delit(color, light, even, even + (even + DARK) * gain)
 
-    def log_gain(self, points: SeenPoints) -> Tensor:
-        """(P, 3) logarithm of albedo over the views' blend, as `atlas_cells.scaled` takes it; of one object, B = 1."""
+    def log_gain(self, points: SeenPoints) -> tuple[Tensor, Tensor]:
+        """(P, 3) logarithm of albedo over the views' blend, as `atlas_cells.scaled` takes it; of one object, B = 1.
+
+        And (9, 3), the light, as of `Delit`.
+        """
         count = points.position.shape[1]
         read = torch.linspace(0, count - 1, min(count, READ), device=points.position.device).long()
         found = self(points, read)
         even, albedo = found.even.clamp(0.0, 1.0), found.albedo.clamp(0.0, 1.0)
-        return (log_gain(even, found.color) + TRUSTED * log_gain(albedo, even))[0]
+        return (log_gain(even, found.color) + TRUSTED * log_gain(albedo, even))[0], found.light[0]
 
     def _told(self, points: SeenPoints, color: Tensor, basis: Tensor) -> Tensor:
         """(B, P, W) what is known of each point, of whose normal `basis` (B, P, 9) is what it gathers."""

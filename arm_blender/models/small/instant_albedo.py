@@ -15,7 +15,7 @@ from ...graphics.color import srgb_from_linear
 from ...structures import TexelMap, TexelViews
 from ...uv.maps import diffuse_fill
 from ..atlas_cells import cells, enlarged, mean, scaled
-from ..atlas_network import AtlasNetwork, AtlasNetworkConfig
+from ..atlas_network import AtlasNetwork, AtlasNetworkConfig, Painted
 from ..ffc import FfcConfig
 from ..material_encoder import MaterialEncoderConfig
 from ..unet import UnetConfig
@@ -80,6 +80,11 @@ class InstantAlbedo(AtlasNetwork):
         Raises:
             ValueError: shapes disagree, or the resolution does not suit the networks.
         """
+        albedo, baked, _ = self.painted(images, texels, seen, base)
+        return albedo, baked
+
+    def painted(self, images: Tensor, texels: TexelMap, seen: TexelViews, base: Tensor) -> Painted:
+        """As `forward`, and the light that delighting finds; None where no view sees the surface."""
         side = texels.mask.shape[-1]
         surface = self.surface(images, texels, seen, base, min(side, self.config.resolution or side))
         known_base = torch.where(texels.mask, base, base.new_zeros(()))
@@ -90,27 +95,29 @@ class InstantAlbedo(AtlasNetwork):
         unseen = 1.0 - enlarged(mean((seen.seen & texels.mask)[None].float(), surface[:1]), surface[:1], side)
         baked = scaled(base, unseen * gain[:3])
         if self.delighting is None:
-            plain = scaled(base, gain[:3])
-        else:
-            plain = scaled(baked, _without_light(self.delighting, texels, seen, surface))
-        return scaled(plain, gain[3:]), baked
+            return Painted(scaled(scaled(base, gain[:3]), gain[3:]), baked, None)
+        without, light = _without_light(self.delighting, texels, seen, surface)
+        return Painted(scaled(scaled(baked, without), gain[3:]), baked, light)
 
 
 @torch.no_grad()
-def _without_light(delighting: Delighting, texels: TexelMap, seen: TexelViews, surface: Tensor) -> Tensor:
+def _without_light(
+    delighting: Delighting, texels: TexelMap, seen: TexelViews, surface: Tensor
+) -> tuple[Tensor, Tensor | None]:
     """(3, T, T) logarithm of albedo over the views' blend, found for cells that views see and spread to the others.
 
-    Not learnt from here: `fit delighting` has its own samples.
+    And the light (9, 3); None where no cell is seen. Not learnt from here: `fit delighting` has its own samples.
     """
     side, resolution = texels.mask.shape[-1], surface.shape[-1]
     share = torch.cat([cells(visible[None].float(), resolution) for visible in seen.visibility])  # (V, n, n)
     covered, known = surface[0] > 0.0, share.amax(dim=0) > 0.0
     gain = surface.new_zeros(3, resolution, resolution)
     if not bool(known.any()):
-        return gain.new_zeros(3, side, side)
+        return gain.new_zeros(3, side, side), None
     color = torch.stack([mean(c, s[None])[:, known].T for c, s in zip(seen.color, share, strict=True)])
     normal = functional.normalize(surface[4:, known].T, dim=1)
     points = (surface[1:4, known].T, normal, color, share[:, known] > 0.0, seen.eyes)
-    gain[:, known] = delighting.log_gain(SeenPoints(*(part[None] for part in points))).T
+    of_points, light = delighting.log_gain(SeenPoints(*(part[None] for part in points)))
+    gain[:, known] = of_points.T
     gain = diffuse_fill(gain, known, TexelMap(surface[1:4], surface[4:], covered))
-    return enlarged(gain, surface[:1], side)
+    return enlarged(gain, surface[:1], side), light

@@ -91,7 +91,8 @@ def test_the_menu_of_environments_is_drawn_without_a_look_at_the_disk(monkeypatc
     monkeypatch.setattr(Path, "glob", lambda *_: pytest.fail("the disk was asked"))
     assert callbacks.environments(None, None) == first
     found = [name for name, _, _ in first]
-    assert {"city", "forest", "studio"} < set(found) and found[-1] == callbacks.FROM_FILE
+    assert {"city", "forest", "studio"} < set(found)
+    assert found[-2:] == [callbacks.FROM_FILE, callbacks.FROM_VIEWS]
 
 
 def test_what_is_missing_is_said_and_the_scene_stays(settings, asset, tmp_path):

@@ -90,7 +90,8 @@ def test_the_light_may_be_read_from_some_points_and_told_to_all(model):
 def test_its_gain_lies_between_what_the_light_leaves_and_the_albedo(model):
     points = random_points()
     with torch.no_grad():
-        gain, found = model.log_gain(points), model(points)
+        (gain, light), found = model.log_gain(points), model(points)
+    torch.testing.assert_close(light, found.light[0])
     blended, bounds = points.blended()[0], [x[0].clamp(0.0, 1.0) for x in (found.even, found.albedo)]
     made = scaled(blended, gain)
     assert bool((made >= torch.minimum(*bounds) - 1e-5).all()) and bool((made <= torch.maximum(*bounds) + 1e-5).all())
@@ -102,7 +103,7 @@ def test_extreme_colours_and_a_single_point_give_numbers(model):
         points = random_points(count)
         for level in (0.0, 1.0):
             with torch.no_grad():
-                gain = model.log_gain(replace(points, color=torch.full_like(points.color, level)))
+                gain, _ = model.log_gain(replace(points, color=torch.full_like(points.color, level)))
             assert bool(gain.isfinite().all())
 
 

@@ -11,6 +11,7 @@ from arm_blender.errors import ArmError
 from training.__main__ import main
 from training.evaluation.scores.geometry import FAILED, GeometryScores
 from training.evaluation.scores.image_scores import MISSED, ImageScores, ViewMoments
+from training.evaluation.scores.light import LightScores
 from training.evaluation.tables.bars import BARS, Cost, bars_table, mean
 from training.evaluation.tables.output import write_tables
 from training.evaluation.tables.report_text import as_json, means_table, objects_table, verdicts
@@ -51,6 +52,15 @@ def reached(table: str) -> list[str]:
 def test_what_is_perfect_reaches_every_aim():
     results = [result("a", 1.0, 0.5), result("b", 1.0, 0.5, "gso")]
     assert set(reached(bars_table(results, Cost(5.0, 2.0, 10.0)))) == {"aim"}
+
+
+def test_the_light_stands_with_its_object_and_in_a_sentence():
+    scores = {"a": LightScores(20.0, 18.0), "b": LightScores(24.0, 18.0)}
+    lit = [replace(result(name, 1.0, 0.5), light=light) for name, light in scores.items()]
+    assert "22.0 dB of its irradiance, and the views drawn under it 18.0 dB, in the mean of 2 objects" in verdicts(lit)
+    assert "light, dB" in objects_table(lit) and "| 24.0" in objects_table(lit)
+    assert "light, dB" not in objects_table([result("a", 1.0, 0.5)])
+    assert "light" not in verdicts([result("a", 1.0, 0.5)])
 
 
 def test_what_finds_nothing_reaches_no_bar_and_stays_in_the_table():

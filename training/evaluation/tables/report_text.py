@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
+from statistics import fmean
 from typing import Any
 
 from ...documents import markdown_table
@@ -32,6 +33,7 @@ def objects_table(results: Sequence[ObjectResult]) -> str:
     header = ["object", "set", "F@0.1", "hull", "ceiling", "F@0.02", "hull", "ceiling", "CD", "hull", "ceiling"]
     header += [MEASURES["angle"], "hull", "ceiling", "IoU"]
     header += [f"{name} in" for name in MAPS] + ["plain blend in", "one view F@0.1", "seconds"]
+    header += ["light, dB", "re-rendered in"]
     rows = []
     for result in sorted(results, key=lambda r: (r.kind, r.name)):
         ours, hull = result.systems[OURS], result.systems[HULL]
@@ -44,7 +46,10 @@ def objects_table(results: Sequence[ObjectResult]) -> str:
         blend, one = result.systems.get(BLEND), result.systems.get(ONE_VIEW)
         row.append(_digits(blend.maps["albedo"].psnr_in if blend else None, "in"))
         row.append(_digits(one.geometry.f_coarse if one and one.geometry else None, "F"))
-        rows.append([*row, _digits(sum(result.seconds.values()) or None, "in")])
+        row.append(_digits(sum(result.seconds.values()) or None, "in"))
+        light = result.light
+        told = (None, None) if light is None else (light.irradiance, light.rerendering)
+        rows.append([*row, *(_digits(value, "in") for value in told)])
     return markdown_table(*without_empty(header, rows))
 
 
@@ -64,6 +69,13 @@ def verdicts(results: Sequence[ObjectResult]) -> str:
             read = map_score(name, "psnr_in")
             pair = mean(chosen, (), OURS, read), mean(chosen, (), HULL, read)
             sentences.append(_sentence(f"{kind}, {name}: the asset", "the coloured hull", *pair))
+        lights = [result.light for result in chosen if result.light is not None]
+        if lights:
+            irradiance, again = (
+                fmean(getattr(light, name) for light in lights) for name in ("irradiance", "rerendering")
+            )
+            found = f"{irradiance:.1f} dB of its irradiance, and the views drawn under it {again:.1f} dB"
+            sentences.append(f"{kind}, light: {found}, in the mean of {len(lights)} objects.")
         for name in ("roughness", "metallic"):
             seen = [result.moments[name] for result in chosen if result.moments.get(name)]
             ours = mean(chosen, (), OURS, map_score(name, "psnr_in"))

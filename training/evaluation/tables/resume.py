@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 from ..scores.geometry import FAILED, GeometryScores
 from ..scores.image_scores import ImageScores, ViewMoments
+from ..scores.light import LightScores
 from ..trials.measure import ObjectResult, SystemResult
 from ..trials.trial import Trial
 from .output import RESULTS, trial_record
@@ -41,6 +42,7 @@ def _object(item: dict[str, Any]) -> ObjectResult:
         _shape(item["ceiling"]),
         {name: [_scores(ViewMoments, view) for view in views] for name, views in item["moments"].items()},
         item["seconds"],
+        None if item.get("light") is None else LightScores(**item["light"]),
     )
 
 

@@ -17,9 +17,10 @@ from arm_blender.views import ViewOptions, load_views
 from ..scores.alignment import align, moved_by
 from ..scores.geometry import FAILED, GeometryScores, ceiling, compare
 from ..scores.image_scores import MISSED, ImageScores, ViewMoments, compare_pictures, mask_overlap, moments
+from ..scores.light import LightScores, irradiance_psnr, seen_normals, true_light
 from ..scores.relighting import under_lights
 from ..truth.objects import EvaluationObject
-from ..truth.protocol import UNMEASURED, EvaluationEntry
+from ..truth.protocol import EXPOSURE, UNMEASURED, EvaluationEntry
 from ..truth.truth import FRONT, Appearance, Truth
 from .asset_pictures import map_pictures, vertex_pictures
 from .baselines import colored_hull, plain_blend
@@ -60,6 +61,7 @@ class ObjectResult:
         ceiling: what a perfect outer surface scores.
         moments: of true roughness and metallic where ours shows the object too, for constants to be judged.
         seconds: of the pipeline from six views, by stage.
+        light: that was taken off the six views; None where none was predicted.
     """
 
     name: str
@@ -68,6 +70,7 @@ class ObjectResult:
     ceiling: GeometryScores
     moments: dict[str, list[ViewMoments]]
     seconds: dict[str, float]
+    light: LightScores | None = None
 
 
 @dataclass(frozen=True)
@@ -88,8 +91,8 @@ def measure(entry: EvaluationEntry, item: EvaluationObject, truth: Truth, trial:
     """
     views, surface = item.views(), item.truth()
     shown = Shown(views, truth, {}, {"truth": surface})
-    asset, seconds = _generate(views, trial.settings)
-    kept, measured = None, {}
+    asset, seconds, rerendering = _generate(views, trial.settings)
+    kept, measured, light = None, {}, None
     if asset is None:
         systems = {OURS: _failed(truth, entry), BLEND: _failed(truth, entry)}
     else:
@@ -97,6 +100,7 @@ def measure(entry: EvaluationEntry, item: EvaluationObject, truth: Truth, trial:
         blended = _score_asset(BLEND, plain_blend(asset, views), entry, shown, trial, kept)
         # In the table ours stands for its shape.
         systems = {OURS: kept, BLEND: replace(blended, geometry=None, aligned=None)}
+        light = _score_light(asset, shown, rerendering)
         if entry.has_material:
             alpha, tests = shown.pictures[OURS].alpha, truth.tests
             measured = {name: moments(getattr(tests, name), alpha, tests.alpha) for name in ("roughness", "metallic")}
@@ -104,12 +108,12 @@ def measure(entry: EvaluationEntry, item: EvaluationObject, truth: Truth, trial:
     for name, settings in trial.others.items():
         # What brings no weights of the shape has ours; making it anew would take most of the time.
         mesh, same = (asset.mesh, kept) if asset is not None and has_our_shape(settings, trial) else (None, None)
-        other, _ = _generate(views, settings, mesh)
+        other, *_ = _generate(views, settings, mesh)
         systems[name] = _failed(truth, entry) if other is None else _score_asset(name, other, entry, shown, trial, same)
     if trial.one_view:
         systems |= _single_views(entry, item, shown, trial)
     best = ceiling(surface, trial.points, trial.seed)
-    return ObjectResult(entry.name, entry.kind, systems, best, measured, seconds), shown
+    return ObjectResult(entry.name, entry.kind, systems, best, measured, seconds, light), shown
 
 
 def score_pictures(found: Appearance, truth: Appearance, entry: EvaluationEntry, trial: Trial) -> SystemResult:
@@ -142,14 +146,22 @@ def has_our_shape(settings: Settings, trial: Trial) -> bool:
 
 def _generate(
     views: ViewSet, settings: Settings, mesh: UvMesh | None = None
-) -> tuple[RelightableAsset | None, dict[str, float]]:
-    """The asset, and the seconds of each stage; None and {} where there is no surface."""
+) -> tuple[RelightableAsset | None, dict[str, float], float | None]:
+    """The asset, the seconds of each stage, and the re-rendering PSNR; None and {} where there is no surface."""
     try:
         asset, report = pipeline.generate(views, settings, mesh=mesh)
     except EmptyMeshError as error:
         logger.warning("%s: %s", views.name, error)
-        return None, {}
-    return asset, report.seconds
+        return None, {}, None
+    return asset, report.seconds, None if report.light is None else report.light["psnr"]
+
+
+def _score_light(asset: RelightableAsset, shown: Shown, rerendering: float | None) -> LightScores | None:
+    """The light that was taken off the views against that of the truth; None where none was predicted."""
+    if asset.maps.light is None or rerendering is None:
+        return None
+    true, normals = true_light(shown.truth.input_light, EXPOSURE), seen_normals(shown.shapes["truth"], shown.views)
+    return LightScores(irradiance_psnr(asset.maps.light, true, normals), rerendering)
 
 
 def _failed(truth: Truth, entry: EvaluationEntry) -> SystemResult:
@@ -216,7 +228,7 @@ def _single_views(
     """The one true view with its camera; the bare picture, aligned; and, where a provider is given, its six views."""
     front = item.folder / FRONT
     picture = entry.picture or front / "000.png"
-    asset, _ = _generate(load_views(front, ViewOptions()), trial.settings)
+    asset, *_ = _generate(load_views(front, ViewOptions()), trial.settings)
     if asset is None:
         systems = {ONE_VIEW: _failed(shown.truth, entry)}
     else:
@@ -235,7 +247,7 @@ def _unposed(
 ) -> SystemResult:
     """From a picture without a camera: aligned as the paper does, then shown as it stands."""
     try:
-        asset, _ = _generate(load_views(picture, options), trial.settings)
+        asset, *_ = _generate(load_views(picture, options), trial.settings)
     except ArmError as error:
         logger.warning("%s, %s: %s", entry.name, name, error)
         asset = None
