@@ -1,3 +1,3 @@
 """The version of the program; pyproject.toml reads it, and blender_manifest.toml says the same."""
 
-VERSION = "0.1.0"
+VERSION = "0.2.0"
