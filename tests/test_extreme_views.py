@@ -14,6 +14,7 @@ from arm_blender.errors import CheckpointError, InputImageError
 from arm_blender.graphics import silhouette_fill
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.models.small.finish import Finish
+from arm_blender.models.atlas_network import Painted
 from arm_blender.models.small.instant_albedo import InstantAlbedo
 from arm_blender.models.small.ray_occupancy import RayOccupancy
 from arm_blender.models.small.volume_georm import VolumeGeoRM
@@ -79,7 +80,9 @@ def test_weights_that_overflow_are_named(network, monkeypatch):
     elif network == "finish":
         monkeypatch.setattr(Finish, "maps", lambda self, surface, points: surface[:2] * torch.nan)
     else:
-        monkeypatch.setattr(InstantAlbedo, "forward", lambda self, images, texels, seen, base: (base * torch.nan, base))
+        monkeypatch.setattr(
+            InstantAlbedo, "painted", lambda self, *given: Painted(given[-1] * torch.nan, given[-1], None)
+        )
     mesh = None
     if network not in ("georm", "ray_occupancy"):  # A mesh of the user's saves the time of making one.
         ball = trimesh.creation.icosphere(2, 0.6)

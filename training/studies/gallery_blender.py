@@ -31,7 +31,7 @@ from ..rendering.manifest import read_manifest
 
 logger = logging.getLogger(__name__)
 
-LIGHTS = ("studio", "sunset", "forest")
+LIGHTS = ("interior", "sunset", "forest")
 """Environments of Blender's own: whoever has it can make the same pictures."""
 
 SHOWN = 3
