@@ -13,8 +13,8 @@ from arm_blender.config import Settings
 from arm_blender.errors import CheckpointError, InputImageError
 from arm_blender.graphics import silhouette_fill
 from arm_blender.graphics.cameras import orbit_camera
-from arm_blender.models.small.finish import Finish
 from arm_blender.models.atlas_network import Painted
+from arm_blender.models.small.finish import Finish
 from arm_blender.models.small.instant_albedo import InstantAlbedo
 from arm_blender.models.small.ray_occupancy import RayOccupancy
 from arm_blender.models.small.volume_georm import VolumeGeoRM

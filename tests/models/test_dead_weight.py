@@ -43,8 +43,10 @@ def inputs() -> list[ViewSet]:
 
 @pytest.fixture(autouse=True)
 def no_sleeping_units(monkeypatch):
-    """A unit whose ReLU is 0 for this object may wake for another; what is looked for is what no object can wake."""
+    """A unit that is 0 for this object may wake for another; what is looked for is what no object can wake."""
+    gelu = functional.gelu
     monkeypatch.setattr(functional, "relu", lambda x, inplace=False: functional.leaky_relu(x, 0.1))
+    monkeypatch.setattr(functional, "gelu", lambda x, approximate="none": gelu(x, approximate=approximate) + 0.1 * x)
 
 
 def at_points(network: nn.Module, views: ViewSet) -> Tensor:
