@@ -9,7 +9,7 @@ from torch.nn.functional import avg_pool2d
 
 from ..graphics.cameras import orbit_camera
 from ..graphics.color import bytes_from_unit, srgb_from_linear
-from ..graphics.meshes import vertex_normals
+from ..graphics.meshes import in_unit_ball, vertex_normals
 from ..graphics.raster.rasterize import interpolate, rasterize
 from ..knobs.finishes import name_of
 from ..machine.files import whole_file
@@ -46,9 +46,7 @@ def write_regions_picture(asset: RelightableAsset, path: Path) -> None:
 def _side(asset: RelightableAsset, regions: Regions, azimuth_deg: float) -> Image.Image:
     """(SIDE, SIDE) of the object from one side: the front a little from above, the back a little from below."""
     mesh = asset.mesh
-    low, high = mesh.vertices.amin(dim=0), mesh.vertices.amax(dim=0)
-    vertices = mesh.vertices - (low + high) / 2.0
-    vertices = vertices / vertices.norm(dim=1).max().clamp(min=1e-12)
+    vertices = in_unit_ball(mesh.vertices)
     elevation = 25.0 if azimuth_deg < 180.0 else -15.0
     camera = orbit_camera(azimuth_deg, elevation, 4.0, 30.0, SIDE, SIDE)
     fragments = rasterize(vertices, mesh.faces, camera)

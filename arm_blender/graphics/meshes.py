@@ -67,6 +67,12 @@ def angle_between(first: Tensor, second: Tensor) -> Tensor:
     return torch.atan2(torch.linalg.cross(first, second, dim=-1).norm(dim=-1), (first * second).sum(dim=-1))
 
 
+def in_unit_ball(vertices: Tensor) -> Tensor:
+    """(N, 3) about the middle of their box, the farthest one at 1."""
+    about = vertices - (vertices.amin(dim=0) + vertices.amax(dim=0)) / 2.0
+    return about / about.norm(dim=1).max().clamp(min=1e-12)
+
+
 def sample_surface(
     vertices: Tensor, faces: Tensor, count: int, generator: torch.Generator
 ) -> tuple[Tensor, Tensor, Tensor]:

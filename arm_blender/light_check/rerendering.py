@@ -76,6 +76,14 @@ def psnr(drawn: Tensor, picture: Tensor) -> float | None:
     return min(PSNR_CAP, -10.0 * math.log10(max(error, 1e-12)))
 
 
+def resized(picture: Tensor, height: int, width: int) -> Tensor:
+    """(4, height, width) of a picture (4, H, W), linear, straight alpha; what is transparent has no say in a colour."""
+    smaller = height < picture.shape[1] or width < picture.shape[2]
+    premultiplied = torch.cat([picture[:3] * picture[3:], picture[3:]])[None]
+    found = functional.interpolate(premultiplied, size=(height, width), mode="area" if smaller else "bilinear")[0]
+    return torch.cat([found[:3] / found[3:].clamp(min=1e-6), found[3:]])
+
+
 def _smaller(images: Tensor) -> tuple[Tensor, int]:
     """(V, 4, h, w) sRGB of views (V, 4, H, W), `SIDE` at most, and the whole pixels of theirs along a side of one."""
     scale = max(1.0, max(images.shape[2:]) / SIDE)
@@ -86,9 +94,7 @@ def _smaller(images: Tensor) -> tuple[Tensor, int]:
         if scale == 1.0:
             small[:] = image
         else:
-            premultiplied = torch.cat([image[:3] * image[3:], image[3:]])
-            small[:] = functional.interpolate(premultiplied[None], size=(height, width), mode="area")[0]
-            small[:3] /= small[3:].clamp(min=1e-6)
+            small[:] = resized(image, height, width)
         shown = small[3] > 0.0
         small[:3, shown] = srgb_from_linear(small[:3, shown])
     return result, int(scale)

@@ -11,7 +11,8 @@ from torch import Tensor
 
 from arm_blender.graphics.color import LUMINANCE
 from arm_blender.graphics.light.environment import Environment
-from arm_blender.graphics.light.spherical_harmonics import COUNT, WHITE, gathered, harmonics
+from arm_blender.graphics.light.harmonic_light import harmonics_of
+from arm_blender.graphics.light.spherical_harmonics import COUNT, WHITE, gathered
 from arm_blender.models.small.delighting import REFLECTED, SeenPoints
 
 from ..random_numbers import uniform
@@ -50,8 +51,7 @@ def random_light(library: Library, random: torch.Generator) -> Tensor:
             radiance = library.environments[int(torch.randint(len(library.environments), (), generator=random))]
         else:
             radiance = studio(random)
-        lights = Environment(radiance, turn=2.0 * math.pi * uniform(random)).texels()
-        return harmonics(lights.direction).T @ lights.power
+        return harmonics_of(Environment(radiance, turn=2.0 * math.pi * uniform(random)))
 
     light = one()
     if uniform(random) < 0.3:

@@ -1,6 +1,7 @@
 """Samples that supervise roughness and metallic on a shape that GeoRM made, by what the views show of both."""
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -70,38 +71,41 @@ class Shapes:
 
     def mesh(self, path: Path) -> TriangleMesh:
         """What GeoRM makes of a rig, from the folder where it is there; without faces where it finds no surface."""
-        if self.folder is None:
-            return TriangleMesh(*self._made(path))
-        kept = self.folder / kept_as(path, self._mark)
-        if not kept.exists():
-            vertices, faces = self._made(path)
-            shards.save_arrays(kept, {"vertices": vertices.numpy(), "faces": faces.numpy().astype(np.int32)})
-        return shards.read_mesh(kept)
+        return self._kept(path, self._mark, self._made)
 
     def refined(self, path: Path, faces: int) -> TriangleMesh:
         """What the program makes of that: cleaned, faired, moved to meet the input views, decimated to `faces`."""
-        kept = None if self.folder is None else self.folder / f"{path.parent.name}.{path.stem}.{self._mark}.{faces}.npz"
-        if kept is not None and kept.exists():
-            return shards.read_mesh(kept)
-        mesh = self.mesh(path)
-        if len(mesh.faces):
+
+        def made(path: Path) -> TriangleMesh:
+            mesh = self.mesh(path)
+            if not len(mesh.faces):
+                return mesh
             views = input_views(shards.arrays(path, "rgba", "c2w", "K"), path.parent.name)
             smooth = fair(clean(mesh), PRESETS["small"].fairing)
-            mesh = decimate(refine(smooth, views, QUALITIES["balanced"].refinement).mesh, faces)
-        if kept is not None:
+            return decimate(refine(smooth, views, QUALITIES["balanced"].refinement).mesh, faces)
+
+        return self._kept(path, f"{self._mark}.{faces}", made)
+
+    def _kept(self, path: Path, mark: str, make: Callable[[Path], TriangleMesh]) -> TriangleMesh:
+        """The shape of a rig that is kept under `mark`, made where it is not; made each time without a folder."""
+        if self.folder is None:
+            return make(path)
+        kept = self.folder / kept_as(path, mark)
+        if not kept.exists():
+            mesh = make(path)
             shards.save_arrays(kept, {"vertices": mesh.vertices.numpy(), "faces": mesh.faces.numpy().astype(np.int32)})
-        return mesh
+        return shards.read_mesh(kept)
 
     @torch.no_grad()
-    def _made(self, path: Path) -> tuple[Tensor, Tensor]:
+    def _made(self, path: Path) -> TriangleMesh:
         inputs = view_samples.on_device(view_samples.load(path, self.model.config).inputs, self.device)
         density = self.model.filled_logit(self.model.encode(inputs), POINTS_AT_ONCE)
         try:
             mesh = extract(density, IsosurfaceConfig(self.grid, iso=0.0, chunk=POINTS_AT_ONCE), device=self.device)
         except EmptyMeshError:
             logger.info("%s: GeoRM finds no surface; nothing is learnt from it", path)
-            return torch.zeros(0, 3), torch.zeros(0, 3, dtype=torch.int64)
-        return mesh.vertices.cpu(), mesh.faces.cpu()
+            return TriangleMesh(torch.zeros(0, 3), torch.zeros(0, 3, dtype=torch.int64))
+        return TriangleMesh(mesh.vertices.cpu(), mesh.faces.cpu())
 
 
 def mark(weights: Path, grid: int) -> str:

@@ -9,22 +9,22 @@ import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-import torch
 from PIL import Image, ImageOps
 from torch import Tensor
 
 from arm_blender.blender.relight.renders import RelightConfig, relight
+from arm_blender.commands.progress_line import Counted
 from arm_blender.errors import ArmError
 from arm_blender.export.asset_folder import read_asset
 from arm_blender.graphics.cameras import orbit_camera
 from arm_blender.graphics.color import composite
+from arm_blender.graphics.meshes import in_unit_ball
 from arm_blender.machine.files import whole_file
 from arm_blender.machine.picture_files import SUFFIXES
 from arm_blender.structures import RelightableAsset
 
 from ..documents import fill_block, paragraphs
-from ..evaluation.tables.contact_sheet import TILE, tiled
+from ..evaluation.tables.contact_sheet import TILE, square_tile, tiled
 from ..evaluation.trials.asset_pictures import map_pictures
 from ..evaluation.trials.capture_trial import REFUSED, answer
 from ..rendering.manifest import read_manifest
@@ -76,17 +76,17 @@ def run(args: argparse.Namespace) -> int:
     """
     credit = {entry["id"]: entry for data in args.data for entry in read_manifest(data)["objects"]}
     items = [Item(source, name_of(source)) for source in args.sources]
-    parts = []
-    for number, item in enumerate(items):
-        logger.info("%d of %d, %s", number + 1, len(items), item.name)
+    parts, count = [], Counted(len(items), logger.info)
+    for item in items:
         asset, file = made(item, args.output / item.name, args.quality)
         picture = args.pictures / f"{item.name}.jpg"
         save_row(picture, item, asset, file, args.samples)
-        if args.turntable is not None and number == 0:
+        if args.turntable is not None and item is items[0]:
             save_turntable(args.turntable, file, args.samples)
         if args.document is not None:
             path = picture.resolve().relative_to(args.document.resolve().parent).as_posix()
             parts.append(f"![What went in, the asset in three lights, its maps]({path})\n\n*{credited(item, credit)}*")
+        count(item.name)
     text = paragraphs(*parts, f"Made by `{args.command}`.")
     if args.document is not None:
         fill_block(args.document, "gallery", text)
@@ -115,11 +115,14 @@ def made(item: Item, output: Path, quality: str) -> tuple[RelightableAsset, Path
 
 def save_row(path: Path, item: Item, asset: RelightableAsset, file: Path, samples: int) -> None:
     """A JPEG: what went in, the asset under each of `LIGHTS`, and its three maps."""
-    row: list[tuple[str, Tensor | None]] = [("in", _tile(Image.open(one))) for one in pictures_of(item.source)]
+    taken = [ImageOps.exif_transpose(Image.open(one)) for one in pictures_of(item.source)]
+    row: list[tuple[str, Tensor | None]] = [("in", square_tile(_on_white(one))) for one in taken]
     with tempfile.TemporaryDirectory(prefix="arm-gallery-") as folder:
         config = RelightConfig(resolution=2 * TILE, samples=samples, azimuth_deg=AZIMUTH, elevation_deg=ELEVATION)
         renders = relight(file, LIGHTS, folder, config)
-        row += [(light, _tile(Image.open(render))) for light, render in zip(LIGHTS, renders, strict=True)]
+        row += [
+            (light, square_tile(_on_white(Image.open(render)))) for light, render in zip(LIGHTS, renders, strict=True)
+        ]
     row += list(maps_of(asset).items())
     sheet = tiled([row], len(row))
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -137,10 +140,7 @@ def pictures_of(source: Path) -> list[Path]:
 
 def maps_of(asset: RelightableAsset) -> dict[str, Tensor]:
     """(3, S, S) in [0, 1]: albedo, roughness and metallic as one sees them on the object, by their names."""
-    vertices = asset.mesh.vertices
-    center = (vertices.amin(dim=0) + vertices.amax(dim=0)) / 2.0
-    radius = (vertices - center).norm(dim=1).max()
-    boxed = replace(asset, mesh=asset.mesh.moved(lambda points: (points - center) / radius))
+    boxed = replace(asset, mesh=asset.mesh.moved(in_unit_ball))
     seen = map_pictures(boxed, [orbit_camera(AZIMUTH, ELEVATION, DISTANCE, FOVY, 2 * TILE, 2 * TILE)])
     maps = {"albedo": seen.albedo, "roughness": seen.roughness, "metallic": seen.metallic}
     return {name: composite(values, seen.alpha, 1.0)[0].expand(3, -1, -1) for name, values in maps.items()}
@@ -163,12 +163,6 @@ def credited(item: Item, known: dict[str, dict[str, str]]) -> str:
     """The caption: the name, who made the object, and its licence."""
     entry = next((known[name] for name in sorted(known, key=len, reverse=True) if item.name.startswith(name)), None)
     return item.name if entry is None else f"{item.name}: {entry['attribution']}, {entry['licence']}"
-
-
-def _tile(picture: Image.Image) -> Tensor:
-    """(3, TILE, TILE) in [0, 1], before white."""
-    square = ImageOps.pad(_on_white(ImageOps.exif_transpose(picture)), (TILE, TILE), color="white")
-    return torch.from_numpy(np.array(square)).permute(2, 0, 1).float() / 255.0
 
 
 def _on_white(picture: Image.Image) -> Image.Image:

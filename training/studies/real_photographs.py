@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from PIL import Image, ImageOps
+from PIL import Image
 from torch import Tensor
 
 from arm_blender.errors import ArmError
@@ -19,7 +19,7 @@ from arm_blender.views.image_io import read_image
 from arm_blender.views.transforms_json import TRANSFORMS
 
 from ..documents import fill_block, markdown_table, paragraphs
-from ..evaluation.tables.contact_sheet import TILE, tiled
+from ..evaluation.tables.contact_sheet import square_tile, tiled
 from ..evaluation.trials.capture_trial import REFUSED, CameraErrors, answer, camera_errors
 
 SHOWN = 5
@@ -120,12 +120,12 @@ def save_sheet(path: Path, photographs: Path, asset: Path) -> None:
     """A row of photographs, one of the views that were made of them, and the asset under two environments."""
     frames = json.loads((asset / "views" / TRANSFORMS).read_text(encoding="utf-8"))["frames"]
     frames = frames[:: max(1, len(frames) // SHOWN)][:SHOWN]
-    taken = [_square(Image.open(photographs / frame["photograph"])) for frame in frames]
+    taken = [square_tile(Image.open(photographs / frame["photograph"])) for frame in frames]
     views = []
     for frame in frames:
         image = read_image(asset / "views" / frame["file_path"])
         cut = Image.fromarray((_over_grey(image) * 255.0).byte().permute(1, 2, 0).numpy())
-        views.append(_square(cut))
+        views.append(square_tile(cut))
     rows: list[list[tuple[str, Tensor | None]]] = [
         [("photograph", one) for one in taken],
         [("view", one) for one in views],
@@ -143,8 +143,3 @@ def save_sheet(path: Path, photographs: Path, asset: Path) -> None:
 def _over_grey(image: Tensor) -> Tensor:
     """(3, H, W) sRGB of a view (4, H, W) before grey."""
     return (srgb_from_linear(image[:3]) * image[3:] + 0.6 * (1.0 - image[3:])).clamp(0.0, 1.0)
-
-
-def _square(picture: Image.Image) -> Tensor:
-    values = np.array(ImageOps.pad(picture.convert("RGB"), (TILE, TILE), color="white"))
-    return torch.from_numpy(values).permute(2, 0, 1) / 255.0

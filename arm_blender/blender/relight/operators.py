@@ -185,9 +185,14 @@ def _environment(name: str, file: str, shown: bpy.types.Object | None) -> str | 
     return bpy.path.abspath(file)
 
 
+def lacks_saved_file(path: str) -> bool:
+    """A folder is relative to the open file, which was never saved."""
+    return path.startswith("//") and not bpy.data.filepath
+
+
 def output_folder(path: str) -> Path:
     """The folder that the user named; relative to the open file, which has to be saved for that."""
-    if path.startswith("//") and not bpy.data.filepath:
+    if lacks_saved_file(path):
         raise ArmError("Save the file first, or choose a folder that does not begin with //")
     if not path:
         raise ArmError("Choose a folder for the pictures first")

@@ -5,7 +5,7 @@ import bpy
 from ..asset.predicted_light import has_light
 from ..layout import InSidebar, draw_notice, line_width
 from .callbacks import FROM_FILE
-from .operators import PICTURE, can_be_relit
+from .operators import PICTURE, can_be_relit, lacks_saved_file
 
 
 class ARM_PT_relight(InSidebar, bpy.types.Panel):
@@ -37,7 +37,7 @@ class ARM_PT_relight(InSidebar, bpy.types.Panel):
         render.prop(settings, "resolution")
         render.prop(settings, "samples")
         layout.prop(settings, "output")
-        if settings.output.startswith("//") and not bpy.data.filepath:
+        if lacks_saved_file(settings.output):
             draw_notice(layout, "Save the file, or choose another folder", line_width(context), "INFO")
         layout.operator("arm.relight", text="Render Still", icon="RENDER_STILL").what = "STILL"
         if has_light(context.active_object):

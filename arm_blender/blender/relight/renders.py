@@ -205,15 +205,20 @@ def _show(scene: bpy.types.Scene, source: bpy.types.Object | Path | str, config:
             item.parent = pivot
             item.matrix_parent_inverse = pivot.matrix_world.inverted()
     add_camera(scene, center, radius, config.azimuth_deg, config.elevation_deg)
-    (use_cycles if config.engine == "cycles" else use_eevee)(scene, config.samples)
+    render_alone(scene, config)
     use_neutral_view(scene)
     use_png(scene)
     render = scene.render
     render.resolution_x = render.resolution_y = config.resolution
-    render.film_transparent = True
     render.use_persistent_data = True
-    render.use_compositing = render.use_sequencer = False
     return pivot
+
+
+def render_alone(scene: bpy.types.Scene, config: RelightConfig) -> None:
+    """By the engine that is asked for, the object before nothing, and as it comes out."""
+    (use_cycles if config.engine == "cycles" else use_eevee)(scene, config.samples)
+    scene.render.film_transparent = True
+    scene.render.use_compositing = scene.render.use_sequencer = False
 
 
 def render_scene(scene: bpy.types.Scene, picture: Path) -> None:

@@ -14,14 +14,14 @@ from ...export.light_file import write_comparison
 from ...graphics.cameras import Camera
 from ...graphics.color import srgb_from_linear
 from ...light_check.comparison import comparison
-from ...light_check.rerendering import psnr
+from ...light_check.rerendering import psnr, resized
 from ...views.image_io import read_image
 from ..asset.asset_file import linked_asset
 from ..asset.studio import add_view_camera, light_by_environment, temporary_scene
-from ..compat import use_cycles, use_eevee, use_exr
+from ..compat import use_exr
 from ..console import without_chatter
 from .graphics_device import check_eevee
-from .renders import RelightConfig, render_scene
+from .renders import RelightConfig, render_alone, render_scene
 
 
 @dataclass(frozen=True)
@@ -62,28 +62,15 @@ def compare_with_view(
         linked_asset(scene, source)[0].matrix_world = Matrix.Identity(4)
         add_view_camera(scene, camera)
         light_by_environment(scene, light)
-        (use_cycles if config.engine == "cycles" else use_eevee)(scene, config.samples)
+        render_alone(scene, config)
         use_exr(scene)
         scene.render.resolution_percentage = 100
-        scene.render.film_transparent = True
-        scene.render.use_compositing = scene.render.use_sequencer = False
         render_scene(scene, Path(folder) / "asset.exr")
         drawn = read_image(Path(folder) / "asset.exr")
     if view.gain is not None:
         drawn[:3] /= view.gain[:, None, None]
-    picture = _sized(view.picture, camera)
+    picture = resized(view.picture, camera.height, camera.width)
     encoded = [torch.cat([srgb_from_linear(image[:3]), image[3:]]) for image in (picture, drawn)]
     sheet.parent.mkdir(parents=True, exist_ok=True)
     write_comparison(comparison(encoded[0][None], encoded[1][None]), sheet)
     return psnr(encoded[1], encoded[0])
-
-
-def _sized(picture: torch.Tensor, camera: Camera) -> torch.Tensor:
-    """(4, h, w) of the camera's size, from (4, H, W)."""
-    size, smaller = (camera.height, camera.width), camera.height < picture.shape[1]
-    premultiplied = torch.cat([picture[:3] * picture[3:], picture[3:]])[None]
-    if smaller:
-        found = torch.nn.functional.interpolate(premultiplied, size=size, mode="area")[0]
-    else:
-        found = torch.nn.functional.interpolate(premultiplied, size=size, mode="bilinear")[0]
-    return torch.cat([found[:3] / found[3:].clamp(min=1e-6), found[3:]])

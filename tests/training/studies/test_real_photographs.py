@@ -10,6 +10,7 @@ from PIL import Image
 from arm_blender.errors import ArmError
 from arm_blender.graphics.cameras import orbit_camera
 from training.__main__ import main
+from training.evaluation.tables.contact_sheet import TILE
 from training.evaluation.trials.capture_trial import Answer
 from training.studies import real_photographs
 from training.studies.real_photographs import pose_of, published
@@ -67,4 +68,4 @@ def test_what_was_found_is_told_and_shown(tmp_path, cameras, monkeypatch, capsys
     text = document.read_text()
     assert "| pictures with a camera | 6 of 7 |" in text and "median 0.00%, worst 0.00%" in text
     assert "| share of the surface that they see | 75% |" in text and text.startswith("<!-- real:begin -->")
-    assert Image.open(tmp_path / "sheet.jpg").width == 5 * real_photographs.TILE
+    assert Image.open(tmp_path / "sheet.jpg").width == 5 * TILE

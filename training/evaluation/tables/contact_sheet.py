@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 
+import numpy as np
 import torch
-from PIL import Image, ImageDraw
+from PIL import Image, ImageDraw, ImageOps
 from torch import Tensor
 from torch.nn.functional import interpolate
 
@@ -57,6 +58,12 @@ def tiled(rows: Sequence[Sequence[tuple[str, Tensor | None]]], columns: int, til
             if picture is not None:
                 sheet.paste(_image(_sized(picture, tile)), (left, top + CAPTION))
     return sheet
+
+
+def square_tile(picture: Image.Image) -> Tensor:
+    """(3, TILE, TILE) in [0, 1]: a whole picture, before white where it is no square."""
+    values = np.array(ImageOps.pad(picture.convert("RGB"), (TILE, TILE), color="white"))
+    return torch.from_numpy(values).permute(2, 0, 1) / 255.0
 
 
 def normal_picture(mesh: TriangleMesh, camera: Camera) -> Tensor:
